@@ -57,12 +57,13 @@ void keep_wisdom() {
 
 bool aligned(const void* data) { return fftwf_alignment_of(static_cast<float*>(const_cast<void*>(data))) == 0; }
 
-// Row weights that integrate the piecewise linear, periodic interpolant of `from` samples over the `to` cells of a new
-// grid and divide by the cell's width: the density's mean over the cell. Sums over a period are kept exactly.
-cv::Mat cell_average(int from, int to) {
-  cv::Mat weights = cv::Mat::zeros(to, from, CV_64F);
+// Averages rows over the cells of a new grid: integrates the piecewise linear, periodic interpolant of the samples over
+// each new cell and divides by the cell's width. Sums over a period are kept exactly.
+cv::Mat average_rows(const cv::Mat& samples, int to) {
+  const int from = samples.rows;
+  cv::Mat result = cv::Mat::zeros(to, samples.cols, CV_64F);
   const double ratio = static_cast<double>(from) / to;
-  // Antiderivative of the hat function around 0.
+  // Integral of the hat function around 0, from -1 to t.
   const auto hat_integral = [](double t) {
     if (t <= -1) return 0.0;
     if (t <= 0) return 0.5 * (1 + t) * (1 + t);
@@ -71,12 +72,12 @@ cv::Mat cell_average(int from, int to) {
   };
   for (int k = 0; k < to; ++k) {
     const double low = (k - 0.5) * ratio, high = (k + 0.5) * ratio;
-    for (int j = static_cast<int>(std::floor(low)) - 1; j <= static_cast<int>(std::ceil(high)) + 1; ++j) {
+    for (int j = static_cast<int>(std::floor(low)); j <= static_cast<int>(std::ceil(high)); ++j) {
       const double weight = (hat_integral(high - j) - hat_integral(low - j)) / ratio;
-      if (weight > 0) weights.at<double>(k, ((j % from) + from) % from) += weight;
+      if (weight > 0) result.row(k) += weight * samples.row(((j % from) + from) % from);
     }
   }
-  return weights;
+  return result;
 }
 
 // The whole plane from the half plane.
@@ -192,7 +193,8 @@ double NoiseSpectrum::at(double fx, double fy) const {
 NoiseSpectrum NoiseSpectrum::resampled(int new_rows, int new_cols) const {
   if (new_rows == rows() && new_cols == cols_) return *this;
   // Cell averages, not samples: a narrow ridge must not fall between the frequencies of a coarser grid.
-  cv::Mat remapped = cell_average(rows(), new_rows) * full_plane(psd_, cols_) * cell_average(cols_, new_cols).t();
+  const cv::Mat rows_done = average_rows(full_plane(psd_, cols_), new_rows);
+  const cv::Mat remapped = average_rows(rows_done.t(), new_cols).t();
   cv::Mat half = remapped.colRange(0, new_cols / 2 + 1).clone();
   // Symmetric to the last bit, and never negative by rounding.
   for (int col : {0, new_cols / 2}) {
