@@ -36,6 +36,9 @@ struct Mesh {
   }
 };
 
+/// Of vertices and triangles; never 0. Whoever makes a mesh puts it into content_hash when it is complete.
+std::uint64_t hash_of(const Mesh& mesh);
+
 /// What a mesh file's numbers mean.
 enum class LengthUnit { mm, cm, m, inch };
 

@@ -46,6 +46,8 @@ struct RenderRequest {
                                              ///< as if it stood at the camera
   double reference_distance_mm = 800;        ///< z0 of the diffuse formula
   ChannelSet wanted = static_cast<ChannelSet>(Channel::depth);
+  /// Refuse a camera inside a closed mesh. Switch off where the mesh is a room.
+  bool check_inside = true;
 };
 
 class Renderer {
