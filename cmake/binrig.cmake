@@ -44,7 +44,7 @@ function(binrig_tests name)
     return()
   endif()
   add_executable(${name}_tests ${sources})
-  target_link_libraries(${name}_tests PRIVATE ${ARG_LINK} binrig_test_support GTest::gtest GTest::gmock)
+  target_link_libraries(${name}_tests PRIVATE ${ARG_LINK} binrig_test_support GTest::gtest_main GTest::gmock)
   binrig_precompile(${name}_tests)
   gtest_discover_tests(${name}_tests DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 300
     WORKING_DIRECTORY ${CMAKE_SOURCE_DIR})
