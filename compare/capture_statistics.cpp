@@ -1,0 +1,172 @@
+// Runs all segments over the frames of one capture, working out once what they share.
+#include <algorithm>
+#include <cmath>
+
+#include "compare/statistic.h"
+#include "core/error.h"
+
+namespace binrig {
+namespace {
+
+/// Robust centre and standard deviation of every 37th interior residual (2000 of a 320 x 240 image): the outlier limit
+/// needs no more, and all pixels would cost more than everything else.
+void robust_spread(const cv::Mat& residual, const cv::Mat& measured, const cv::Mat& interior, double& centre,
+                   double& scale) {
+  std::vector<float> sample;
+  const int count = static_cast<int>(residual.total());
+  const float *r = residual.ptr<float>(), *m = measured.ptr<float>(), *i = interior.ptr<float>();
+  const int step = std::max(1, count / 4000) | 1;
+  for (int p = 0; p < count; p += step)
+    if (m[p] * i[p] > 0) sample.push_back(r[p]);
+  if (sample.empty()) {
+    centre = scale = 0;
+    return;
+  }
+  const auto middle = sample.begin() + sample.size() / 2;
+  std::nth_element(sample.begin(), middle, sample.end());
+  centre = *middle;
+  for (float& s : sample) s = std::abs(s - static_cast<float>(centre));
+  std::nth_element(sample.begin(), middle, sample.end());
+  scale = 1.4826 * *middle;
+}
+
+}  // namespace
+
+struct CaptureStatistics::Impl {
+  StatisticContext context;
+  std::vector<std::unique_ptr<Statistic>> running;
+  std::shared_ptr<const Channels> channels;  // of the regions below
+  std::unique_ptr<CaptureRegions> regions;
+  cv::Mat previous_residual, previous_used;
+  int number = 0, regions_number = 0;
+
+  void observe(const Frame& frame, ObservedFrame& seen) {
+    const cv::Size size(context.camera.width, context.camera.height);
+    const int count = size.area();
+    seen.residual_mm.create(size, CV_32F);
+    seen.measured.create(size, CV_32F);
+    seen.used.create(size, CV_32F);
+    const float *z = frame.depth_mm.ptr<float>(), *nominal = channels->depth_mm.ptr<float>();
+    const float *counted = regions->counted.ptr<float>(), *interior = regions->interior.ptr<float>();
+    float *r = seen.residual_mm.ptr<float>(), *m = seen.measured.ptr<float>(), *used = seen.used.ptr<float>();
+    for (int p = 0; p < count; ++p) {
+      m[p] = z[p] > 0.f ? counted[p] : 0.f;
+      r[p] = m[p] * (z[p] - nominal[p]);
+    }
+    robust_spread(seen.residual_mm, seen.measured, regions->interior, seen.centre_mm, seen.scale_mm);
+    const float centre = static_cast<float>(seen.centre_mm), limit = static_cast<float>(8 * seen.scale_mm + 1.0);
+    float inside = 0, kept = 0;
+    for (int p = 0; p < count; ++p) {
+      const float here = m[p] * interior[p];
+      used[p] = std::abs(r[p] - centre) <= limit ? here : 0.f;
+      inside += here;
+      kept += used[p];
+    }
+    seen.interior_pixels = std::lround(inside);
+    seen.outliers = std::lround(inside - kept);
+  }
+
+  void random_part(ObservedFrame& seen) {
+    const int cols = context.camera.width, count = static_cast<int>(seen.used.total());
+    const float half = static_cast<float>(std::sqrt(0.5));
+    const float *r = seen.residual_mm.ptr<float>(), *used = seen.used.ptr<float>();
+    if (context.frames <= 1) {
+      seen.random_mm = cv::Mat::zeros(seen.used.size(), CV_32F);
+      seen.random_used = cv::Mat::zeros(seen.used.size(), CV_32F);
+      seen.spatial = true;
+      float *d = seen.random_mm.ptr<float>(), *w = seen.random_used.ptr<float>();
+      for (int p = 0; p + 1 < count; ++p) {
+        if (p % cols == cols - 1) continue;
+        w[p] = used[p] * used[p + 1];
+        d[p] = w[p] * half * (r[p + 1] - r[p]);
+      }
+    } else if (!previous_residual.empty()) {
+      seen.random_mm.create(seen.used.size(), CV_32F);
+      seen.random_used.create(seen.used.size(), CV_32F);
+      const float *before = previous_residual.ptr<float>(), *used_before = previous_used.ptr<float>();
+      float *d = seen.random_mm.ptr<float>(), *w = seen.random_used.ptr<float>();
+      for (int p = 0; p < count; ++p) {
+        w[p] = used[p] * used_before[p];
+        d[p] = w[p] * half * (r[p] - before[p]);
+      }
+    }
+  }
+};
+
+CaptureStatistics::CaptureStatistics(const StatisticContext& context) : impl_(std::make_unique<Impl>()) {
+  impl_->context = context;
+  for (const auto& declaration : segments()) {
+    const bool possible = context.frames >= declaration.fewest_frames &&
+                          !(declaration.planes_only && context.capture.target != TargetKind::plane);
+    impl_->running.push_back(possible ? declaration.begin(context) : nullptr);
+  }
+}
+
+CaptureStatistics::~CaptureStatistics() = default;
+
+void CaptureStatistics::add(const Frame& frame, std::shared_ptr<const Channels> channels) {
+  if (frame.depth_mm.empty()) return;
+  Impl& self = *impl_;
+  const cv::Size size(self.context.camera.width, self.context.camera.height);
+  if (frame.depth_mm.size() != size || channels->depth_mm.size() != size)
+    throw Error("Capture " + self.context.capture.key() + ": frame and perfect channels differ in size");
+  if (!self.regions || self.channels != channels) {
+    self.channels = std::move(channels);
+    self.regions = std::make_unique<CaptureRegions>(*self.channels, self.context);
+    ++self.regions_number;
+  }
+  ObservedFrame seen;
+  seen.number = self.number++;
+  seen.frame = &frame;
+  seen.channels = self.channels.get();
+  seen.regions = self.regions.get();
+  seen.regions_number = self.regions_number;
+  self.observe(frame, seen);
+  self.random_part(seen);
+  for (auto& statistic : self.running)
+    if (statistic) statistic->add(seen);
+  self.previous_residual = seen.residual_mm;
+  self.previous_used = seen.used;
+}
+
+std::vector<RawStatistic> CaptureStatistics::finish() {
+  std::vector<RawStatistic> result;
+  for (auto& statistic : impl_->running) {
+    result.push_back(statistic ? statistic->finish() : RawStatistic{});
+    result.back().spatial = impl_->context.frames <= 1;
+  }
+  return result;
+}
+
+std::vector<float> SegmentDeclaration::transform(const RawStatistic& raw, const RawStatistic& reference) const {
+  if (raw.value.size() != reference.value.size()) throw Error("Segment " + name + " differs in size");
+  const int n = static_cast<int>(raw.value.size());
+  std::vector<float> result(n, 0.f);
+  for (int i = 0; i < n; ++i)
+    if (raw.weight[i] > 0 && reference.weight[i] > 0)
+      result[i] = stabilise(raw.value[i], i, n) - stabilise(reference.value[i], i, n);
+  return result;
+}
+
+const std::vector<SegmentDeclaration>& segments() {
+  static const std::vector<SegmentDeclaration> all{bias_segment(),  noise_segment(),    dropout_segment(),
+                                                   edges_segment(), spectrum_segment(), shape_segment(),
+                                                   time_segment(),  comb_segment(),     fixed_pattern_segment()};
+  return all;
+}
+
+const SegmentDeclaration& segment(const std::string& name) {
+  std::vector<std::string> names;
+  for (const auto& s : segments()) {
+    if (s.name == name) return s;
+    names.push_back(s.name);
+  }
+  const std::string near = nearest_word(name, names);
+  throw Error("There is no statistic \"" + name + "\"" + (near.empty() ? "" : " (did you mean " + near + "?)"));
+}
+
+ChannelSet statistics_channels() {
+  return Channel::depth | Channel::cos_incidence | Channel::projector_gap | Channel::edge_distance;
+}
+
+}  // namespace binrig

@@ -1,0 +1,96 @@
+// Comb: modulus of the characteristic function of disparity and of depth over the interior. Quantisation and locking
+// stand out as lines whatever the target's shape. Only the strongest line of each band of frequencies is kept, so that
+// the step need not be known.
+//
+// Folding the values first makes this a histogram and one short DFT: the characteristic function at multiples of
+// 1/period sees the value modulo the period only.
+#include <cmath>
+#include <complex>
+
+#include "compare/statistic.h"
+#include "core/spectrum.h"
+
+namespace binrig {
+namespace {
+
+constexpr int disparity_size = 4096, depth_size = 8192;
+constexpr float disparity_bin_px = 1.f / 1024, depth_bin_mm = 0.01f;  // folded at 4 px and at 81.92 mm
+constexpr int disparity_lowest = 2, disparity_highest = 300;          // 0.5 .. 75 cycles per px
+constexpr int depth_lowest = 6, depth_highest = 4096;                 // 0.07 .. 50 cycles per mm
+constexpr int disparity_bands = 22, depth_bands = 26;
+
+std::vector<double> strongest(const std::vector<float>& histogram, double total, int lowest, int highest, int bands) {
+  const int n = static_cast<int>(histogram.size());
+  std::vector<std::complex<float>> line;
+  Fft2(1, n).forward(cv::Mat(1, n, CV_32F, const_cast<float*>(histogram.data())), line);
+  std::vector<double> result(bands, 0);
+  const double step = std::log(static_cast<double>(highest + 1) / lowest) / bands;
+  for (int m = lowest; m <= std::min(highest, n / 2); ++m) {
+    const int band = std::min(bands - 1, static_cast<int>(std::log(static_cast<double>(m) / lowest) / step));
+    result[band] = std::max(result[band], std::abs(line[m]) / total);
+  }
+  return result;
+}
+
+class Comb : public Statistic {
+ public:
+  explicit Comb(const StatisticContext& context)
+      : focal_baseline_(static_cast<float>(context.focal_baseline)),
+        disparity_(disparity_size, 0.f),
+        depth_(depth_size, 0.f) {}
+
+  void add(const ObservedFrame& observed) override {
+    const float *z = observed.frame->depth_mm.ptr<float>(), *w = observed.used.ptr<float>();
+    const int count = static_cast<int>(observed.used.total());
+    for (int p = 0; p < count; ++p) {
+      if (w[p] == 0.f) continue;
+      depth_[static_cast<int>(z[p] / depth_bin_mm + 0.5f) & (depth_size - 1)] += 1;
+      if (focal_baseline_ > 0)
+        disparity_[static_cast<int>(focal_baseline_ / z[p] / disparity_bin_px) & (disparity_size - 1)] += 1;
+      total_ += 1;
+    }
+  }
+
+  RawStatistic finish() override {
+    RawStatistic raw;
+    raw.cols = disparity_bands + depth_bands;
+    raw.value.assign(raw.cols, 0.f);
+    raw.weight.assign(raw.cols, 0.f);
+    if (total_ < 2000) return raw;
+    const auto depth = strongest(depth_, total_, depth_lowest, depth_highest, depth_bands);
+    for (int i = 0; i < depth_bands; ++i) {
+      raw.value[disparity_bands + i] = static_cast<float>(depth[i]);
+      raw.weight[disparity_bands + i] = static_cast<float>(total_);
+    }
+    if (focal_baseline_ <= 0) return raw;
+    const auto disparity = strongest(disparity_, total_, disparity_lowest, disparity_highest, disparity_bands);
+    for (int i = 0; i < disparity_bands; ++i) {
+      raw.value[i] = static_cast<float>(disparity[i]);
+      raw.weight[i] = static_cast<float>(total_);
+    }
+    return raw;
+  }
+
+ private:
+  float focal_baseline_;
+  std::vector<float> disparity_, depth_;
+  double total_ = 0;
+};
+
+}  // namespace
+
+SegmentDeclaration comb_segment() {
+  SegmentDeclaration s;
+  s.name = "comb";
+  s.group = "spectrum";
+  s.unit = "ln of a modulus";
+  s.meaning = "strongest line of the histograms of disparity and depth, by band of frequency";
+  s.floor = 0.1;
+  s.begin = [](const StatisticContext& context) -> std::unique_ptr<Statistic> {
+    return std::make_unique<Comb>(context);
+  };
+  s.stabilise = [](float raw, int, int) { return std::log(raw + 1e-4f); };
+  return s;
+}
+
+}  // namespace binrig

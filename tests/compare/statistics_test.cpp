@@ -1,0 +1,255 @@
+// Every segment on constructed frames whose statistics are known.
+#include "compare/statistic.h"
+
+#include <cmath>
+#include <functional>
+
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+
+#include "core/error.h"
+#include "core/random.h"
+
+namespace binrig {
+namespace {
+
+constexpr int width = 160, height = 120;
+constexpr double distance_mm = 800, focal_baseline = 113400;
+
+StatisticContext context(int frames, TargetKind target = TargetKind::plane) {
+  StatisticContext c;
+  c.capture = {"train", 1, "constructed", target, frames, false};
+  c.frames = frames;
+  c.camera = camera_from_field_of_view(width, height, 0.28);
+  c.focal_baseline = focal_baseline;
+  return c;
+}
+
+/// A frontal plane; right of `edge_col` it lies 50 mm further away.
+std::shared_ptr<Channels> scene(int edge_col = -1) {
+  auto c = std::make_shared<Channels>();
+  c->camera = context(1).camera;
+  c->depth_mm = cv::Mat(height, width, CV_32F, cv::Scalar(distance_mm));
+  c->cos_incidence = cv::Mat(height, width, CV_32F, cv::Scalar(1));
+  c->edge_px = cv::Mat(height, width, CV_32F, cv::Scalar(64));
+  if (edge_col >= 0)
+    for (int v = 0; v < height; ++v)
+      for (int u = 0; u < width; ++u) {
+        if (u > edge_col) c->depth_mm.at<float>(v, u) = distance_mm + 50;
+        c->edge_px.at<float>(v, u) = std::min(64.f, std::abs(u - edge_col - 0.5f));
+      }
+  return c;
+}
+
+using PixelRule = std::function<float(int frame, int row, int col, float perfect, const cv::Mat& normal)>;
+
+/// Statistics of frames whose depth is rule(...); 0 = a hole. `normal` are standard normal numbers of the frame.
+std::vector<RawStatistic> statistics_of(int frames, const PixelRule& rule,
+                                        std::shared_ptr<const Channels> channels = scene(),
+                                        TargetKind target = TargetKind::plane) {
+  CaptureStatistics statistics(context(frames, target));
+  for (int t = 0; t < frames; ++t) {
+    cv::Mat normal(height, width, CV_32F);
+    RandomStream(77).child(static_cast<std::uint64_t>(t)).fill_normal(normal);
+    Frame frame;
+    frame.camera = channels->camera;
+    frame.depth_mm.create(height, width, CV_32F);
+    frame.reason = cv::Mat::zeros(height, width, CV_8U);
+    for (int v = 0; v < height; ++v)
+      for (int u = 0; u < width; ++u) {
+        const float z = rule(t, v, u, channels->depth_mm.at<float>(v, u), normal);
+        frame.depth_mm.at<float>(v, u) = z;
+        if (z == 0) frame.reason.at<std::uint8_t>(v, u) = static_cast<std::uint8_t>(Reason::unknown);
+      }
+    statistics.add(frame, channels);
+  }
+  return statistics.finish();
+}
+
+const RawStatistic& of(const std::vector<RawStatistic>& all, const std::string& name) {
+  for (std::size_t i = 0; i < segments().size(); ++i)
+    if (segments()[i].name == name) return all[i];
+  throw Error("no segment " + name);
+}
+
+TEST(Statistics, NamesAreFoundAndNearMissesNamed) {
+  EXPECT_EQ(segment("bias").group, "bias");
+  try {
+    segment("noize");
+    FAIL();
+  } catch (const Error& e) {
+    EXPECT_NE(std::string(e.what()).find("noise"), std::string::npos);
+  }
+}
+
+TEST(Statistics, BiasIsTheMeanResidualOfABin) {
+  const auto raw =
+      of(statistics_of(3, [](int, int, int col, float z, const cv::Mat&) { return z + 0.01f * col; }), "bias");
+  ASSERT_EQ(raw.side_px, 2);
+  for (int i = 0; i < raw.cols * raw.rows; ++i) {
+    EXPECT_GT(raw.weight[i], 0);
+    const double col = 2.0 * (i % raw.cols) + 0.5;
+    EXPECT_NEAR(raw.value[i], 0.01 * col, 2e-4);  // float depth at 800 mm: 6e-5
+  }
+}
+
+TEST(Statistics, NoiseIsTheVarianceOfTheRandomPartAndBlindToBias) {
+  const auto raw = of(statistics_of(8, [](int, int row, int col, float z,
+                                          const cv::Mat& n) { return z + 0.02f * col + 0.3f * n.at<float>(row, col); }),
+                      "noise");
+  double sum = 0, count = 0;
+  for (std::size_t i = 0; i < raw.value.size(); ++i) sum += raw.value[i] * raw.weight[i], count += raw.weight[i];
+  // 134000 differences in 7 overlapping pairs: relative error about sqrt(3 / 134000) = 0.005.
+  EXPECT_NEAR(sum / count, 0.09, 0.09 * 0.02);
+}
+
+TEST(Statistics, ASingleFrameGivesItsSpatialDifferenceAndSaysSo) {
+  const auto all = statistics_of(
+      1, [](int, int row, int col, float z, const cv::Mat& n) { return z + 0.3f * n.at<float>(row, col); });
+  const auto& raw = of(all, "noise");
+  EXPECT_TRUE(raw.spatial);
+  double sum = 0, count = 0;
+  for (std::size_t i = 0; i < raw.value.size(); ++i) sum += raw.value[i] * raw.weight[i], count += raw.weight[i];
+  EXPECT_NEAR(sum / count, 0.09, 0.09 * 0.06);  // 19000 samples
+  EXPECT_TRUE(of(all, "time").value.empty());
+}
+
+TEST(Statistics, DropOutIsTheShareOfHolesAndNothingOutsideTheSceneCounts) {
+  auto channels = scene();
+  channels->depth_mm(cv::Rect(0, 0, width / 2, height)).setTo(0);
+  const auto raw = of(statistics_of(
+                          2,
+                          [](int, int, int col, float, const cv::Mat&) {
+                            return col < width / 2 || col % 4 == 0 ? 0.f : static_cast<float>(distance_mm);
+                          },
+                          channels),
+                      "drop-out");
+  for (int i = 0; i < raw.rows * raw.cols; ++i) {
+    const bool inside = (i % raw.cols) * raw.side_px >= width / 2;
+    EXPECT_EQ(raw.weight[i] > 0, inside);
+    if (inside) {
+      EXPECT_NEAR(raw.value[i], 0.25, 1e-6);
+    }
+  }
+}
+
+TEST(Statistics, PixelsOutsideTheValidRegionCountNowhere) {
+  StatisticContext c = context(1);
+  c.valid_region = cv::Mat::zeros(height, width, CV_8U);
+  CaptureRegions regions(*scene(), c);
+  EXPECT_EQ(cv::countNonZero(regions.counted), 0);
+  EXPECT_EQ(cv::countNonZero(CaptureRegions(*scene(), context(1)).counted), width * height);
+}
+
+TEST(Statistics, EdgesSeeTheForegroundGrow) {
+  const int edge = 79;
+  const auto exact =
+      of(statistics_of(
+             2, [](int, int, int, float z, const cv::Mat&) { return z; }, scene(edge), TargetKind::scene),
+         "edges");
+  const auto fat = of(statistics_of(
+                          2,
+                          [](int, int, int col, float z, const cv::Mat&) {
+                            return col > edge && col <= edge + 2 ? static_cast<float>(distance_mm) : z;
+                          },
+                          scene(edge), TargetKind::scene),
+                      "edges");
+  // The background lies to the right: orientation 0; bins 4 and 5 are the first two background pixels.
+  for (int bin = 0; bin < edge_bins; ++bin) {
+    ASSERT_GT(exact.weight[bin], 0);
+    EXPECT_NEAR(exact.value[bin], bin < 4 ? 0 : 1, 1e-5);
+    EXPECT_NEAR(fat.value[bin], bin < 6 ? 0 : 1, 1e-5);
+  }
+  for (int bin = edge_bins; bin < 4 * edge_bins; ++bin) EXPECT_EQ(exact.weight[bin], 0) << "no such edge is there";
+}
+
+TEST(Statistics, SpectrumOfWhiteNoiseIsFlatAndRowNoiseStandsInItsRidge) {
+  const auto density = [](const RawStatistic& raw, int i) { return raw.value[i]; };
+  const auto white = of(statistics_of(6, [](int, int row, int col, float z,
+                                            const cv::Mat& n) { return z + 0.3f * n.at<float>(row, col); }),
+                        "spectrum");
+  const auto rows = of(
+      statistics_of(6, [](int, int row, int col, float z,
+                          const cv::Mat& n) { return z + 0.3f * n.at<float>(row, col) + 0.1f * n.at<float>(row, 0); }),
+      "spectrum");
+  double ring_5 = 0, ring_8 = 0, ridge = 0, ridge_white = 0;
+  for (int s = 0; s < 4; ++s) ring_5 += density(white, 5 * 4 + s), ring_8 += density(white, 8 * 4 + s);
+  EXPECT_NEAR(ring_8 / ring_5, (9.0 * 9 - 8 * 8) / (6.0 * 6 - 5 * 5), 0.15);  // ring areas
+  for (int k = 40; k < 48; ++k) ridge += rows.value[k], ridge_white += white.value[k];
+  EXPECT_GT(ridge, 3 * ridge_white);
+}
+
+TEST(Statistics, ShapeOfGaussianNoiseIsGaussianAndTailsShow) {
+  const auto gauss = of(statistics_of(6, [](int, int row, int col, float z,
+                                            const cv::Mat& n) { return z + 0.3f * n.at<float>(row, col); }),
+                        "shape");
+  // Standardised by the block's own RMS of n = 64: kurtosis 3 n / (n + 2) = 2.91; 96000 samples: error 0.02.
+  EXPECT_NEAR(gauss.value[0], 2.91, 0.08);
+  EXPECT_NEAR(gauss.value[1], 0, 0.04);
+  EXPECT_EQ(gauss.value[4], 0);
+  const auto heavy = of(statistics_of(6,
+                                      [](int t, int row, int col, float z, const cv::Mat& n) {
+                                        const bool far = (row * 31 + col * 17 + t * 7) % 50 == 0;
+                                        return z + (far ? 1.5f : 0.3f) * n.at<float>(row, col);
+                                      }),
+                        "shape");
+  EXPECT_GT(heavy.value[0], 4);
+}
+
+TEST(Statistics, TimeSeesFilteringRepeatsAndCourse) {
+  const auto white = of(statistics_of(12, [](int, int row, int col, float z,
+                                             const cv::Mat& n) { return z + 0.3f * n.at<float>(row, col); }),
+                        "time");
+  EXPECT_NEAR(white.value[9], 1, 0.03) << "frames of white noise are equally unlike at every lag";
+  EXPECT_NEAR(white.value[11], 0, 1e-9);
+  const auto drift = of(statistics_of(12, [](int t, int row, int col, float z,
+                                             const cv::Mat& n) { return z + 0.1f * t + 0.3f * n.at<float>(row, col); }),
+                        "time");
+  for (int b = 0; b < 6; ++b) EXPECT_NEAR(drift.value[3 + b], 0.2 * b - 0.5, 0.01);
+  const auto repeated = of(
+      statistics_of(12, [](int t, int row, int col, float z, const cv::Mat&) { return z + (t / 2) * 0.01f; }), "time");
+  EXPECT_NEAR(repeated.value[11], 6.0 / 11, 1e-6);
+}
+
+TEST(Statistics, CombFindsTheDisparityStep) {
+  const auto raw = of(statistics_of(2,
+                                    [](int, int row, int col, float z, const cv::Mat& n) {
+                                      const double d = focal_baseline / (z + 3 * n.at<float>(row, col));
+                                      return static_cast<float>(focal_baseline / (std::round(d * 16) / 16));
+                                    }),
+                      "comb");
+  // 16 cycles per px is line 64 of 2..300 in 22 bands.
+  const int band = static_cast<int>(std::log(64.0 / 2) / (std::log(301.0 / 2) / 22));
+  EXPECT_GT(raw.value[band], 0.9);
+  const auto smooth = of(
+      statistics_of(2, [](int, int row, int col, float z, const cv::Mat& n) { return z + 3 * n.at<float>(row, col); }),
+      "comb");
+  EXPECT_LT(smooth.value[band], 0.05);
+}
+
+TEST(Statistics, FixedPatternFindsColumnsFinerThanABin) {
+  const auto rule = [](float amplitude) {
+    return [amplitude](int, int row, int col, float z, const cv::Mat& n) {
+      return z + 0.2f * n.at<float>(row, col) + amplitude * std::cos(2 * 3.14159265f * col / 3);
+    };
+  };
+  const auto plain = of(statistics_of(4, rule(0)), "fixed pattern");
+  const auto banded = of(statistics_of(4, rule(0.1f)), "fixed pattern");
+  // Period 3 px: frequency 1/3, band 14 of 16 between 1/80 and 1/2.
+  EXPECT_GT(banded.value[12 + 14], 20 * plain.value[12 + 14]);
+  EXPECT_LT(banded.value[12 + 16 + 14], 3 * plain.value[12 + 16 + 14]) << "rows carry nothing";
+}
+
+TEST(Statistics, TransformIsADifferenceOfStabilisedValues) {
+  RawStatistic a, b;
+  a.value = {0.2f, 0.4f};
+  b.value = {0.1f, 0.4f};
+  a.weight = {1, 0};
+  b.weight = {1, 1};
+  const auto t = segment("noise").transform(a, b);
+  EXPECT_NEAR(t[0], std::log(2), 1e-4);
+  EXPECT_EQ(t[1], 0) << "unknown";
+}
+
+}  // namespace
+}  // namespace binrig
