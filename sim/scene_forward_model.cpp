@@ -1,0 +1,426 @@
+#include "sim/scene_forward_model.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <list>
+#include <mutex>
+#include <optional>
+
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+
+#include "core/error.h"
+#include "sim/effect.h"
+#include "sim/sensor.h"
+
+namespace binrig {
+namespace {
+
+struct CaptureScene {
+  CaptureInfo info;
+  std::vector<Frame> headers;  // cameras, poses, times; no images
+  std::vector<double> times_s;  // since the first frame
+  bool motion = false;
+  std::vector<ScenePlane> planes;
+  std::vector<SceneObject> extra_objects;
+};
+
+ScenePlane moved(const ScenePlane& plane, const Pose& motion) {
+  const Vector3 point = motion * (plane.normal * plane.offset_mm);
+  ScenePlane result = plane;
+  result.normal = motion.linear() * plane.normal;
+  result.offset_mm = result.normal.dot(point);
+  return result;
+}
+
+Pose interpolated(const Pose& a, const Pose& b, double t) {
+  const Eigen::AngleAxisd turn(a.linear().transpose() * b.linear());
+  Pose pose = Pose::Identity();
+  pose.linear() = a.linear() * Eigen::AngleAxisd(t * turn.angle(), turn.axis()).toRotationMatrix();
+  pose.translation() = (1 - t) * a.translation() + t * b.translation();
+  return pose;
+}
+
+bool same_poses(const std::optional<std::vector<ObjectPose>>& a, const std::optional<std::vector<ObjectPose>>& b) {
+  if (a.has_value() != b.has_value()) return false;
+  if (!a) return true;
+  return std::equal(a->begin(), a->end(), b->begin(), b->end(), [](const ObjectPose& p, const ObjectPose& q) {
+    return p.obj_id == q.obj_id && p.X_CO.matrix() == q.X_CO.matrix();
+  });
+}
+
+std::size_t bytes_of(const Channels& c) {
+  std::size_t total = 0;
+  for (const cv::Mat* image : {&c.depth_mm, &c.normal, &c.cos_incidence, &c.instance, &c.projector_gap_mm, &c.diffuse,
+                               &c.specular, &c.ir, &c.edge_px, &c.crease_px, &c.rgb}) {
+    total += image->total() * image->elemSize();
+  }
+  return total;
+}
+
+// Rendered channels by what they show; the least recently used go first.
+class ChannelCache {
+ public:
+  explicit ChannelCache(std::size_t limit) : limit_(limit) {}
+
+  std::shared_ptr<const Channels> find(const std::string& key, ChannelSet wanted) {
+    const std::lock_guard lock(mutex_);
+    for (auto it = entries_.begin(); it != entries_.end(); ++it) {
+      if (it->key != key || (it->made & wanted) != wanted) continue;
+      entries_.splice(entries_.begin(), entries_, it);
+      return entries_.front().channels;
+    }
+    return nullptr;
+  }
+
+  void add(const std::string& key, ChannelSet made, std::shared_ptr<const Channels> channels) {
+    const std::lock_guard lock(mutex_);
+    entries_.remove_if([&](const Entry& entry) {
+      const bool superseded = entry.key == key && (entry.made & made) == entry.made;
+      if (superseded) size_ -= entry.bytes;
+      return superseded;
+    });
+    const std::size_t bytes = bytes_of(*channels);
+    entries_.push_front({key, made, bytes, std::move(channels)});
+    size_ += bytes;
+    while (size_ > limit_ && entries_.size() > 1) {
+      size_ -= entries_.back().bytes;
+      entries_.pop_back();
+    }
+  }
+
+ private:
+  struct Entry {
+    std::string key;
+    ChannelSet made;
+    std::size_t bytes;
+    std::shared_ptr<const Channels> channels;
+  };
+  std::mutex mutex_;
+  std::list<Entry> entries_;
+  std::size_t size_ = 0, limit_;
+};
+
+template <typename T>
+void append(std::string& key, const T& value) {
+  key.append(reinterpret_cast<const char*>(&value), sizeof(value));
+}
+
+void append(std::string& key, const Pose& pose) {
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 4; ++j) append(key, pose.matrix()(i, j));
+  }
+}
+
+// Everything that a picture depends on but the wanted channels.
+std::string picture_key(const RenderScene& scene, const RenderRequest& request) {
+  std::string key;
+  for (const SceneObject& object : scene.objects) {
+    append(key, object.mesh.get());
+    append(key, object.X_CO);
+  }
+  if (scene.plane) {
+    for (int i = 0; i < 3; ++i) append(key, scene.plane->normal[i]);
+    append(key, scene.plane->offset_mm);
+    append(key, scene.plane->surface.albedo);
+  }
+  const Camera& c = request.camera;
+  for (double value : {c.fx, c.fy, c.cx, c.cy}) append(key, value);
+  append(key, c.width);
+  append(key, c.height);
+  for (double k : c.distortion) append(key, k);
+  if (request.projector_xyz_mm) {
+    for (int i = 0; i < 3; ++i) append(key, (*request.projector_xyz_mm)[i]);
+  }
+  append(key, request.reference_distance_mm);
+  return key;
+}
+
+double median_train_depth(const RecordingSet& set) {
+  std::vector<float> values;
+  for (const CaptureInfo& info : set.captures()) {
+    if (info.split != "train") continue;
+    const CaptureReader reader = set.capture(info.key());
+    if (reader.size() == 0 || !reader.has_depth()) continue;
+    const Frame frame = reader.frame(0);
+    for (int row = 0; row < frame.depth_mm.rows; row += 3) {
+      for (int col = 0; col < frame.depth_mm.cols; col += 3) {
+        if (frame.depth_mm.at<float>(row, col) > 0) values.push_back(frame.depth_mm.at<float>(row, col));
+      }
+    }
+  }
+  if (values.empty()) return 1000;
+  std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
+  return values[values.size() / 2];
+}
+
+}  // namespace
+
+struct SceneForwardModel::Impl {
+  RecordingSet set;
+  SceneOptions options;
+  std::unique_ptr<Renderer> renderer;
+  std::vector<CaptureInfo> infos;
+  std::vector<CaptureScene> scenes;
+  std::map<int, std::shared_ptr<const Mesh>> meshes;
+  bool reflectance_known = false;
+  mutable ChannelCache cache;
+  mutable std::once_flag median_once;
+  mutable double median_mm = 0;
+
+  explicit Impl(const RecordingSet& s, const SceneOptions& o) : set(s), options(o), cache(o.cache_mb << 20) {}
+
+  std::shared_ptr<const Mesh> mesh_of(const ModelInfo& model) {
+    auto mesh = std::make_shared<Mesh>(*load_mesh(model.mesh_path));
+    Surface surface = mesh->surfaces.front();
+    surface.albedo = static_cast<float>(model.albedo.value_or(0.5));
+    surface.specular = static_cast<float>(model.specular.value_or(0.0));
+    surface.shininess = static_cast<float>(model.shininess.value_or(30.0));
+    surface.assumed = !model.albedo || !model.specular;
+    reflectance_known |= !surface.assumed;
+    mesh->surfaces.assign(1, surface);
+    mesh->triangle_surface.clear();
+    return mesh;
+  }
+
+  // The capture as a scene, or nothing where it cannot be simulated.
+  std::optional<CaptureScene> scene_of(const CaptureInfo& info) {
+    CaptureScene scene;
+    scene.info = info;
+    const CaptureReader reader = set.capture(info.key());
+    if (const auto found = options.planes.find(info.key()); found != options.planes.end()) scene.planes = found->second;
+    if (const auto found = options.objects.find(info.key()); found != options.objects.end()) scene.extra_objects = found->second;
+    std::optional<Camera> size;
+    bool posed = true;
+    for (int i = 0; i < reader.size(); ++i) {
+      Frame header;
+      try {
+        header = reader.header(i);
+        if (header.camera.width == 0 && !size) size = reader.frame(i).camera;  // camera.json may not say the size
+      } catch (const Error&) {
+        continue;  // a broken frame is reported by whoever reads its image
+      }
+      if (header.camera.width == 0) {
+        header.camera.width = size->width;
+        header.camera.height = size->height;
+      }
+      posed &= header.objects.has_value() && !header.objects->empty();
+      scene.headers.push_back(std::move(header));
+    }
+    if (scene.headers.empty() || (!posed && scene.planes.empty() && scene.extra_objects.empty())) return std::nullopt;
+    if (!posed) {
+      for (Frame& header : scene.headers) header.objects.reset();
+    } else {
+      for (const Frame& header : scene.headers) {
+        for (const ObjectPose& object : *header.objects) {
+          if (meshes.count(object.obj_id)) continue;
+          const auto model = std::find_if(set.models().begin(), set.models().end(),
+                                          [&](const ModelInfo& m) { return m.obj_id == object.obj_id; });
+          if (model == set.models().end()) {
+            throw Error(fmt::format("{}: {} has an object {} that models/ does not know", set.info().path, info.key(), object.obj_id));
+          }
+          meshes[object.obj_id] = mesh_of(*model);
+        }
+      }
+    }
+    const double rate = set.info().sensor.frame_rate_hz.value_or(1.0);
+    for (std::size_t i = 0; i < scene.headers.size(); ++i) {
+      const auto& first = scene.headers.front().time_s;
+      const auto& time = scene.headers[i].time_s;
+      scene.times_s.push_back(first && time ? *time - *first : static_cast<double>(i) / rate);
+      scene.motion |= !same_poses(scene.headers[i].objects, scene.headers.front().objects);
+    }
+    return scene;
+  }
+};
+
+SceneForwardModel::SceneForwardModel(const RecordingSet& set, const SceneOptions& options)
+    : impl_(std::make_unique<Impl>(set, options)) {
+  impl_->renderer = make_renderer(options.renderer);
+  for (const CaptureInfo& info : set.captures()) {
+    if (auto scene = impl_->scene_of(info)) {
+      scene->info.frames = static_cast<int>(scene->headers.size());
+      impl_->infos.push_back(scene->info);
+      impl_->scenes.push_back(std::move(*scene));
+    }
+  }
+  if (impl_->scenes.empty()) {
+    throw Error(set.info().path + " cannot be simulated: no capture has poses (scene_gt.json) with meshes, and no plane was found");
+  }
+}
+
+SceneForwardModel::~SceneForwardModel() = default;
+
+const EffectCatalogue& SceneForwardModel::catalogue() const { return effect_catalogue(); }
+const std::vector<CaptureInfo>& SceneForwardModel::captures() const { return impl_->infos; }
+const SetInfo& SceneForwardModel::set() const { return impl_->set.info(); }
+const Renderer& SceneForwardModel::renderer() const { return *impl_->renderer; }
+
+double SceneForwardModel::reference_distance_mm(const SensorModel& model) const {
+  if (model.reference_from == Given::written) return model.reference_distance_mm;
+  if (const auto& range = set().sensor.range_mm) return 0.5 * ((*range)[0] + (*range)[1]);
+  std::call_once(impl_->median_once, [&] { impl_->median_mm = median_train_depth(impl_->set); });
+  return impl_->median_mm;
+}
+
+RenderScene SceneForwardModel::scene_at(int capture, double time_s, const Offset& offset) const {
+  const CaptureScene& scene = impl_->scenes.at(capture);
+  const auto& times = scene.times_s;
+  std::size_t frame = 0;
+  while (frame + 1 < times.size() && times[frame + 1] <= time_s) ++frame;
+  RenderScene result;
+  if (scene.headers[frame].objects) {
+    std::size_t a = frame;
+    double t = 0;
+    if (scene.motion && times.size() > 1) {
+      a = std::min(frame, times.size() - 2);
+      const double span = times[a + 1] - times[a];
+      t = span > 0 ? (time_s - times[a]) / span : 0;
+    }
+    const auto& here = *scene.headers[a].objects;
+    const auto& next = *scene.headers[std::min(a + 1, times.size() - 1)].objects;
+    for (std::size_t i = 0; i < here.size(); ++i) {
+      SceneObject object;
+      object.obj_id = here[i].obj_id;
+      object.mesh = impl_->meshes.at(object.obj_id);
+      const bool moves = t != 0 && i < next.size() && next[i].obj_id == here[i].obj_id;
+      object.X_CO = moves ? interpolated(here[i].X_CO, next[i].X_CO, t) : here[i].X_CO;
+      result.objects.push_back(std::move(object));
+    }
+  }
+  result.objects.insert(result.objects.end(), scene.extra_objects.begin(), scene.extra_objects.end());
+  if (!scene.planes.empty()) result.plane = scene.planes[std::min(frame, scene.planes.size() - 1)];
+
+  if (!offset.pose.isZero()) {
+    Vector3 centroid = Vector3::Zero();
+    for (const SceneObject& object : result.objects) centroid += object.X_CO.translation() / static_cast<double>(result.objects.size());
+    if (result.objects.empty()) {
+      centroid = Vector3(0, 0, result.plane->offset_mm / result.plane->normal.z());  // where the optical axis meets it
+    }
+    const Pose motion = small_motion(offset.pose, centroid);
+    for (SceneObject& object : result.objects) object.X_CO = motion * object.X_CO;
+    if (result.plane) result.plane = moved(*result.plane, motion);
+  }
+  return result;
+}
+
+RenderRequest SceneForwardModel::request_for(int capture, int frame, const Offset& offset, const SensorModel& model) const {
+  RenderRequest request;
+  request.camera = impl_->scenes.at(capture).headers.at(frame).camera;
+  if (model.camera_from == Given::written) {
+    const Camera& m = model.camera;
+    const bool same = m.width == request.camera.width && m.height == request.camera.height &&
+                      std::abs(m.fx - request.camera.fx) <= 0.05 * request.camera.fx;
+    if (!same) {
+      throw Error(fmt::format("{} was recorded with another camera than the model's: {} x {} px, f = {:.1f} px against {} x {} px, f = {:.1f} px",
+                              set().path, request.camera.width, request.camera.height, request.camera.fx, m.width, m.height, m.fx));
+    }
+  }
+  request.camera.fx += offset.focal_px;
+  request.camera.fy += offset.focal_px;
+  request.camera.cx += offset.cx_px;
+  request.camera.cy += offset.cy_px;
+  if (model.projector_known) request.projector_xyz_mm = model.projector_xyz_mm;
+  else if (model.projector_from == Given::recording) request.projector_xyz_mm = set().sensor.projector();
+  request.reference_distance_mm = reference_distance_mm(model);
+  return request;
+}
+
+std::shared_ptr<const Channels> SceneForwardModel::perfect(int capture, int frame, const Offset& offset, ChannelSet wanted,
+                                                           const SensorModel& model) const {
+  RenderRequest request = request_for(capture, frame, offset, model);
+  request.wanted = wanted | Channel::depth;
+  const RenderScene scene = scene_at(capture, impl_->scenes[capture].times_s.at(frame), offset);
+  const std::string key = picture_key(scene, request);
+  if (auto found = impl_->cache.find(key, request.wanted)) return found;
+  auto channels = impl_->renderer->render(scene, request);
+  impl_->cache.add(key, request.wanted, channels);
+  return channels;
+}
+
+void SceneForwardModel::simulate(const SimulationRequest& request, const FrameSink& sink) const {
+  const CaptureScene& scene = impl_->scenes.at(request.capture);
+  const SensorModel& model = *request.model;
+  const int recorded = static_cast<int>(scene.headers.size());
+  const int frames = request.frames > 0 ? request.frames : recorded;
+
+  CaptureContext context;
+  const RenderRequest nominal = request_for(request.capture, 0, Offset{}, model);
+  context.camera = nominal.camera;
+  context.projector_xyz_mm = nominal.projector_xyz_mm;
+  context.reference_distance_mm = nominal.reference_distance_mm;
+  context.depth_scale_mm = model.depth_scale_from == Given::written ? model.depth_scale_mm : scene.headers[0].depth_scale_mm;
+  context.frames = frames;
+  context.power_on = scene.info.power_on;
+  context.motion = scene.motion;
+  context.seed = request.seed;
+  context.unit_seed = model.unit_seed;
+  context.capture_key = hash_text(scene.info.key());
+  context.render = [&](const View& view, int frame) {
+    const int source = std::min(frame, recorded - 1);
+    RenderRequest other = request_for(request.capture, source, request.offset, model);
+    // The view is asked for relative to the nominal camera; what the lens really is stays.
+    other.camera = view.camera;
+    other.camera.fx += request.offset.focal_px;
+    other.camera.fy += request.offset.focal_px;
+    other.camera.cx += request.offset.cx_px;
+    other.camera.cy += request.offset.cy_px;
+    if (view.projector_xyz_mm) other.projector_xyz_mm = view.projector_xyz_mm;
+    other.wanted = view.wanted | Channel::depth;
+    const RenderScene moved_scene = scene_at(request.capture, view.time_s.value_or(scene.times_s[source]), request.offset);
+    const std::string key = picture_key(moved_scene, other);
+    if (auto found = impl_->cache.find(key, other.wanted)) return found;
+    auto channels = impl_->renderer->render(moved_scene, other);
+    impl_->cache.add(key, other.wanted, channels);
+    return channels;
+  };
+
+  const ChannelSet wanted = SensorRun::needed_channels(model, impl_->options.with_ir);
+  SensorRun run(model, context);
+  std::shared_ptr<const Channels> channels;
+  for (int number = 0; number < frames; ++number) {
+    const int source = std::min(number, recorded - 1);
+    channels = perfect(request.capture, source, request.offset, wanted, model);
+    FrameInstant instant;
+    instant.number = number;
+    instant.time_s = scene.times_s[source];
+    if (number >= recorded) instant.time_s += (number - source) / set().sensor.frame_rate_hz.value_or(1.0);
+    if (scene.info.power_on) instant.since_power_on_s = instant.time_s;
+    Frame frame = run.frame(*channels, instant);
+    const Frame& header = scene.headers[source];
+    frame.camera = header.camera;
+    frame.objects = header.objects;
+    frame.X_WC = header.X_WC;
+    frame.time_s = instant.time_s;
+    frame.sequence = number;
+    sink(frame, number);
+  }
+}
+
+std::vector<std::pair<std::string, std::string>> SceneForwardModel::inactive(const SensorModel& model) const {
+  const bool baseline = request_for(0, 0, Offset{}, model).projector_xyz_mm.has_value();
+  bool power_on = false, motion = false, repeats = false;
+  for (const CaptureScene& scene : impl_->scenes) {
+    power_on |= scene.info.power_on;
+    motion |= scene.motion;
+    repeats |= scene.headers.size() > 1;
+  }
+  std::vector<std::pair<std::string, std::string>> list;
+  for (const EffectInstance& instance : model.effects) {
+    const Needs& needs = instance.declaration(catalogue()).needs;
+    std::string lacks;
+    auto lack = [&](bool needed, bool there, const char* word) {
+      if (needed && !there) lacks += (lacks.empty() ? "" : ", ") + std::string(word);
+    };
+    lack(needs.baseline, baseline, "the projector's place");
+    lack(needs.power_on, power_on, "a series from power-on");
+    lack(needs.motion, motion, "a moving target");
+    lack(needs.repeats, repeats, "repeated frames");
+    lack(needs.ir, impl_->reflectance_known, "the targets' reflectance");
+    if (!lacks.empty()) list.emplace_back(instance.id, "the recording lacks " + lacks);
+  }
+  return list;
+}
+
+}  // namespace binrig
