@@ -85,7 +85,8 @@ void record(const RecordOptions& options, bool id_given) {
   // A whole set without a capture of its own choice is re-recorded capture by capture.
   if (uri.scheme == "replay" && uri.fragment.empty() && !id_given) {
     std::string rest = uri.text.substr(std::string("replay:").size() + uri.path.size());
-    for (CaptureInfo capture : RecordingSet::open(uri.path).captures()) {
+    const RecordingSet set = RecordingSet::open(uri.path);
+    for (const CaptureInfo& capture : set.captures()) {
       record_capture("replay:" + uri.path + "#" + capture.key() + rest, capture, options, writer, tally);
     }
   } else {

@@ -1,4 +1,5 @@
 // binrig VERB: the command line.
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 
@@ -7,6 +8,19 @@
 #include "app/commands.h"
 #include "core/error.h"
 
+namespace {
+
+// CLI11 says only that a subcommand is required; a mistyped one deserves its nearest neighbour.
+void check_verb(const CLI::App& app, const std::string& word) {
+  std::vector<std::string> verbs;
+  for (const CLI::App* verb : app.get_subcommands([](const CLI::App*) { return true; })) verbs.push_back(verb->get_name());
+  if (word.empty() || word[0] == '-' || std::find(verbs.begin(), verbs.end(), word) != verbs.end()) return;
+  const std::string near = binrig::nearest_word(word, verbs);
+  throw binrig::Error("there is no verb '" + word + "'" + (near.empty() ? ": binrig --help lists them" : ": did you mean " + near + "?"));
+}
+
+}  // namespace
+
 int main(int argc, char** argv) {
   CLI::App app{"binrig: a hardware-in-the-loop validation rig for depth cameras and bin picking"};
   app.require_subcommand(1);
@@ -14,6 +28,7 @@ int main(int argc, char** argv) {
   int status = 0;
   for (auto* add : binrig::all_verbs()) add(app, status);
   try {
+    if (argc > 1) check_verb(app, argv[1]);
     app.parse(argc, argv);
     return status;
   } catch (const CLI::CallForHelp& help) {

@@ -1,0 +1,16 @@
+// The program as a user runs it.
+#pragma once
+
+#include <string>
+
+namespace binrig::test {
+
+struct Run {
+  int status = -1;     ///< exit status; 128 + signal where it was killed
+  std::string output;  ///< standard output and error together
+};
+
+/// Runs the built `binrig` with these arguments (shell words).
+Run run_binrig(const std::string& arguments);
+
+}  // namespace binrig::test
