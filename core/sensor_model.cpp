@@ -302,11 +302,11 @@ EffectInstance& add_effect(SensorModel& model, const EffectCatalogue& catalogue,
   instance.id = effect;
   for (int n = 2; model.find(instance.id); ++n) instance.id = effect + "_" + std::to_string(n);
   for (const auto& [name, value] : values) instance.values[name].value = value;
-  auto place = model.effects.begin();
-  for (auto it = model.effects.begin(); it != model.effects.end(); ++it) {
-    if (it->declaration(catalogue).stage <= declaration->stage) place = it + 1;
+  std::size_t index = 0;
+  for (std::size_t i = 0; i < model.effects.size(); ++i) {
+    if (model.effects[i].declaration(catalogue).stage <= declaration->stage) index = i + 1;
   }
-  const auto index = model.effects.insert(place, instance) - model.effects.begin();
+  model.effects.insert(model.effects.begin() + static_cast<std::ptrdiff_t>(index), instance);
   check_sensor_model(model, catalogue);
   return model.effects[index];
 }

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "core/channels.h"
+#include "core/coherent_noise.h"
 #include "core/effect_declaration.h"
 #include "core/frame.h"
 #include "core/random.h"
@@ -48,8 +49,8 @@ struct View {
 };
 
 struct FrameInstant {
-  int number = 0;           ///< 0 .. frames-1 in the capture
-  double time_s = 0;        ///< device time since the capture's first frame
+  int number = 0;     ///< 0 .. frames-1 in the capture
+  double time_s = 0;  ///< device time since the capture's first frame
   /// Seconds since power-on; infinity in every capture that does not begin with power-on.
   double since_power_on_s = std::numeric_limits<double>::infinity();
 };
@@ -60,19 +61,17 @@ struct CaptureContext {
   std::optional<Vector3> projector_xyz_mm;  ///< camera frame; absent = unknown
   double reference_distance_mm = 0;         ///< z0
   double depth_scale_mm = 0;                ///< storage step; 0 = none
-  int frames = 1;
+  int frames = 1;                           ///< 0 = endless or unknown
   bool power_on = false;
-  bool motion = false;                      ///< poses differ between frames
+  bool motion = false;  ///< poses differ between frames
   std::uint64_t seed = 1, unit_seed = 1, capture_key = 0;
-  std::string instance;                     ///< id of the effect instance
-  std::string model_folder;                 ///< relative files of options start here
+  std::string instance;      ///< id of the effect instance
+  std::string model_folder;  ///< relative files of options start here
   /// Renders another view of the scene at a frame. Absent where the source is not a scene (`binrig apply`).
   std::function<std::shared_ptr<const Channels>(const View&, int frame)> render;
 
   /// f * B, px mm: the focal length times the baseline's x; 0 where the projector is unknown.
-  double focal_baseline() const {
-    return projector_xyz_mm ? camera.fx * std::abs(projector_xyz_mm->x()) : 0.0;
-  }
+  double focal_baseline() const { return projector_xyz_mm ? camera.fx * std::abs(projector_xyz_mm->x()) : 0.0; }
   /// Draws that are new in every frame / fixed through the capture / fixed for the unit.
   RandomStream draws(int frame) const { return frame_stream(seed, capture_key, frame, instance); }
   RandomStream capture_draws() const { return frame_stream(seed, capture_key, -1, instance); }
@@ -91,13 +90,79 @@ struct Effect {
   /// Values are complete and within bounds. Throws Error for what the bounds cannot say (a spectrum file of another
   /// camera), naming instance.where.
   std::function<std::unique_ptr<Run>(const EffectInstance& instance, const CaptureContext& context)> begin;
-  /// True where these values change nothing at all, so that the effect is skipped. Default: the amplitude parameter
-  /// is at its neutral value.
+  /// For effects whose options decide which channels they read (formula); absent = declaration.reads.
+  std::function<ChannelSet(const EffectInstance& instance)> reads = {};
+
+  ChannelSet channels_read(const EffectInstance& instance) const { return reads ? reads(instance) : declaration.reads; }
+  /// True where these values change nothing at all, so that the effect is skipped: every parameter that declares a
+  /// neutral value stands at it (most effects have one such parameter, their amplitude).
   bool is_neutral(const EffectInstance& instance) const;
 };
 
 /// A Run without state of its own from a function.
 std::unique_ptr<Run> stateless(std::function<void(Layers&, const Channels&, const FrameInstant&)> apply);
+
+/// body(first, last) over blocks of rows that cover 0 .. rows-1, on several threads where the image is large. The
+/// result must not depend on where the blocks end.
+void for_rows(cv::Size size, const std::function<void(int first, int last)>& body);
+
+/// z = map(z, col) in every valid pixel; `map_of_row(row)` gives the map of one row, so that it can hold row pointers
+/// by value and its inner loop vectorises. The map must be harmless (it may be wrong) for the depth of invalid pixels.
+template <class MapOfRow>
+void map_depth(Layers& layers, const MapOfRow& map_of_row) {
+  for_rows(layers.depth_mm.size(), [&](int first, int last) {
+    for (int row = first; row < last; ++row) {
+      const auto map = map_of_row(row);
+      float* z = layers.depth_mm.ptr<float>(row);
+      const std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
+      for (int col = 0; col < layers.depth_mm.cols; ++col) {
+        const float mapped = map(z[col], col);
+        z[col] = reason[col] == 0 ? mapped : z[col];
+      }
+    }
+  });
+}
+
+/// Gives every valid pixel where `predicate_of_row(row)(col)` holds the reason `why`.
+template <class PredicateOfRow>
+void invalidate_where(Layers& layers, Reason why, const PredicateOfRow& predicate_of_row) {
+  for_rows(layers.depth_mm.size(), [&](int first, int last) {
+    for (int row = first; row < last; ++row) {
+      const auto predicate = predicate_of_row(row);
+      std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
+      for (int col = 0; col < layers.depth_mm.cols; ++col) {
+        const bool hit = predicate(col);
+        reason[col] = reason[col] == 0 && hit ? static_cast<std::uint8_t>(why) : reason[col];
+      }
+    }
+  });
+}
+
+/// sigma_scale = sigma_scale * factor(col), in every pixel.
+template <class FactorOfRow>
+void scale_sigma(Layers& layers, const FactorOfRow& factor_of_row) {
+  for_rows(layers.depth_mm.size(), [&](int first, int last) {
+    for (int row = first; row < last; ++row) {
+      const auto factor = factor_of_row(row);
+      float* scale = layers.sigma_scale.ptr<float>(row);
+      for (int col = 0; col < layers.depth_mm.cols; ++col) scale[col] *= factor(col);
+    }
+  });
+}
+
+/// Depth at a disparity that is larger by `delta_px`: fB / (fB/z + delta). `focal_baseline` in px mm; 0 for z = 0. A
+/// disparity that would fall to nothing gives a depth far beyond every range instead of an infinite one.
+inline float with_disparity_added(float z_mm, float delta_px, float focal_baseline) {
+  const float ratio = 1.f + delta_px * z_mm / focal_baseline;
+  return z_mm / (ratio > 1e-3f ? ratio : 1e-3f);
+}
+
+/// What the disturbed thresholds share (thesis 5.3.7): the spread's spatial size, how much of it is new in every frame,
+/// and the weight function; and the field that they describe, keyed by the instance.
+ParameterSpec disturbance_grid();
+ParameterSpec disturbance_share();
+OptionSpec disturbance_weight();
+DisturbanceField disturbance_field(const EffectInstance& instance, const CaptureContext& context);
 
 /// Every effect compiled in, in the order of their names (the table is written by the build).
 const std::vector<const Effect*>& all_effects();

@@ -1,0 +1,97 @@
+#include "sim/effect.h"
+
+#include <algorithm>
+
+#include "core/parallel.h"
+
+namespace binrig {
+namespace {
+
+class StatelessRun : public Run {
+ public:
+  using Apply = std::function<void(Layers&, const Channels&, const FrameInstant&)>;
+  explicit StatelessRun(Apply apply) : apply_(std::move(apply)) {}
+  void apply(Layers& layers, const Channels& channels, const FrameInstant& instant) override {
+    apply_(layers, channels, instant);
+  }
+
+ private:
+  Apply apply_;
+};
+
+}  // namespace
+
+bool Effect::is_neutral(const EffectInstance& instance) const {
+  bool any = false;
+  const EffectDeclaration& what = instance.own_declaration ? *instance.own_declaration : declaration;
+  for (const ParameterSpec& parameter : what.parameters) {
+    if (!parameter.neutral) continue;
+    if (instance.value(parameter.name) != *parameter.neutral) return false;
+    any = true;
+  }
+  return any;
+}
+
+std::unique_ptr<Run> stateless(std::function<void(Layers&, const Channels&, const FrameInstant&)> apply) {
+  return std::make_unique<StatelessRun>(std::move(apply));
+}
+
+void for_rows(cv::Size size, const std::function<void(int, int)>& body) {
+  // Below this many pixels a thread costs more than it saves.
+  constexpr int pixels_per_block = 100'000;
+  const int blocks = std::clamp(size.area() / pixels_per_block, 1, std::min(jobs(), std::max(size.height, 1)));
+  if (blocks == 1) return body(0, size.height);
+  parallel_for(blocks, [&](int i) { body(size.height * i / blocks, size.height * (i + 1) / blocks); });
+}
+
+ParameterSpec disturbance_grid() {
+  return {.name = "grid",
+          .unit = "px",
+          .lower = 4,
+          .upper = 512,
+          .typical_low = 8,
+          .typical_high = 64,
+          .initial = 32,
+          .log_scaled = true,
+          .meaning = "cell of the coarsest lattice of the disturbance; a half and a quarter of it are mixed in"};
+}
+
+ParameterSpec disturbance_share() {
+  return {.name = "share",
+          .unit = "1",
+          .lower = 0,
+          .upper = 1,
+          .typical_low = 0.05,
+          .typical_high = 1,
+          .initial = 0.5,
+          .meaning = "share of the disturbance's variance that is new in every frame"};
+}
+
+OptionSpec disturbance_weight() {
+  return {"weight", "how the disturbance is interpolated between lattice points", "cubic", {"cubic", "quintic"}};
+}
+
+DisturbanceField disturbance_field(const EffectInstance& instance, const CaptureContext& context) {
+  const auto weight = instance.options.find("weight");
+  const bool quintic = weight != instance.options.end() && weight->second == "quintic";
+  return DisturbanceField(context.camera.height, context.camera.width, instance.value("grid"), instance.value("share"),
+                          quintic ? LatticeWeight::quintic : LatticeWeight::cubic, context.capture_draws());
+}
+
+const Effect* find_effect(const std::string& name) {
+  for (const Effect* effect : all_effects()) {
+    if (effect->declaration.name == name) return effect;
+  }
+  return nullptr;
+}
+
+const EffectCatalogue& effect_catalogue() {
+  static const EffectCatalogue catalogue([] {
+    std::vector<const EffectDeclaration*> declarations;
+    for (const Effect* effect : all_effects()) declarations.push_back(&effect->declaration);
+    return declarations;
+  }());
+  return catalogue;
+}
+
+}  // namespace binrig
