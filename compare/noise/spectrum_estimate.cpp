@@ -44,10 +44,10 @@ NoiseSpectrum spectral_density(const cv::Mat& covariance) {
   return NoiseSpectrum(psd, n);
 }
 
-RadialSpectrum radial_spectrum(const Autocovariance& autocovariance) {
+RingSpectrum ring_spectrum(const Autocovariance& autocovariance) {
   const int rings = std::max(4, autocovariance.max_lag() / 2);
   const double nothing = -std::numeric_limits<double>::infinity();
-  RadialSpectrum out;
+  RingSpectrum out;
   for (int i = 0; i < rings; ++i) out.frequency.push_back((i + 0.5) / (2 * rings));
   const auto both = autocovariance.estimate([&](const cv::Mat& covariance) {
     auto values = spectral_density(covariance).radial(rings);
@@ -62,7 +62,7 @@ RadialSpectrum radial_spectrum(const Autocovariance& autocovariance) {
   return out;
 }
 
-SpectrumComparison compare_spectra(const RadialSpectrum& first, const RadialSpectrum& second) {
+SpectrumComparison compare_spectra(const RingSpectrum& first, const RingSpectrum& second) {
   if (first.frequency.size() != second.frequency.size())
     throw Error("spectra of different resolution cannot be compared");
   SpectrumComparison out;

@@ -15,13 +15,13 @@ namespace binrig {
 NoiseSpectrum spectral_density(const cv::Mat& covariance);
 
 /// Mean density over rings of equal width from 0 to 0.5 cycles/px, `rings` = max_lag / 2.
-struct RadialSpectrum {
+struct RingSpectrum {
   std::vector<double> frequency;  ///< cycles/px, middle of the ring
   std::vector<Estimate> density;  ///< mm^2 px^2
   /// Logarithm of the density; positive densities only (others: value -inf and standard error 0).
   std::vector<Estimate> log_density;
 };
-RadialSpectrum radial_spectrum(const Autocovariance& autocovariance);
+RingSpectrum ring_spectrum(const Autocovariance& autocovariance);
 
 /// Two radial spectra, ring by ring, in the logarithm.
 struct SpectrumComparison {
@@ -37,6 +37,6 @@ struct SpectrumComparison {
   int rings = 0;
 };
 /// Throws Error if the ring counts differ.
-SpectrumComparison compare_spectra(const RadialSpectrum& first, const RadialSpectrum& second);
+SpectrumComparison compare_spectra(const RingSpectrum& first, const RingSpectrum& second);
 
 }  // namespace binrig

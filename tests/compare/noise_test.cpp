@@ -158,7 +158,7 @@ TEST(Spectrum, TheEstimateFollowsTheTruth) {
   const Fields fields(256, sigma, 1, 0.2);
   Autocovariance estimate(32);
   for (int i = 0; i < 8; ++i) estimate.add(fields.draw(i), holes(256, 0.2, i));
-  const auto measured = radial_spectrum(estimate);
+  const auto measured = ring_spectrum(estimate);
   const auto expected = truth.radial(static_cast<int>(measured.frequency.size()));
   for (std::size_t i = 0; i < expected.size(); ++i) {
     // 6 % for the lag window's smoothing of a peak of width 1 / (2 pi L) = 0.16 cycles/px, and chance.
@@ -177,10 +177,10 @@ TEST(Spectrum, EqualNoisesLieInTheirBandAndOthersDoNot) {
     b.add(soft.draw(100 + i), valid);
     c.add(hard.draw(200 + i), valid);
   }
-  const auto same = compare_spectra(radial_spectrum(a), radial_spectrum(b));
+  const auto same = compare_spectra(ring_spectrum(a), ring_spectrum(b));
   EXPECT_GE(same.share_inside, 0.75);
   EXPECT_GT(same.worst_p, 0.005);
-  const auto other = compare_spectra(radial_spectrum(a), radial_spectrum(c));
+  const auto other = compare_spectra(ring_spectrum(a), ring_spectrum(c));
   EXPECT_LT(other.share_inside, 0.4);
   EXPECT_LT(other.worst_p, 1e-6);
 }
