@@ -79,6 +79,8 @@ void check_instances(SensorModel& model, const EffectCatalogue& catalogue, Viola
 
 // -------------------------------------------------------------------------------------------------- reading
 
+}  // namespace
+
 Camera read_camera(YamlMap& map) {
   Camera camera;
   camera.width = map.integer("width", 0, 1, 16384);
@@ -100,6 +102,8 @@ Camera read_camera(YamlMap& map) {
   map.finish();
   return camera;
 }
+
+namespace {
 
 // `recording`, `fit` (where allowed) or a number.
 Given read_given(YamlMap& map, const std::string& key, bool fit_allowed, const std::string& unit, double& value) {

@@ -29,6 +29,8 @@
 
 namespace binrig {
 
+class YamlMap;
+
 struct ParameterValue {
   double value = 0;
   std::optional<std::array<double, 2>> ci95;
@@ -75,6 +77,10 @@ struct SensorModel {
 
   const EffectInstance* find(const std::string& id) const;
 };
+
+/// Reads a camera as above from a mapping whose keys are the camera's alone; what is wrong becomes a violation.
+/// Finishes `map`.
+Camera read_camera(YamlMap& map);
 
 /// Reads and checks a model. Throws one Error with every violation: unknown keys (with the nearest known one), unknown
 /// effects, values out of bounds with unit and bounds, duplicate ids, effects against the order of stages, each with

@@ -23,6 +23,7 @@ std::unique_ptr<Renderer> make_renderer(const std::string& name) {
   if (name == "auto") return std::make_unique<AutoRenderer>();
   if (name == "plane") return make_plane_renderer();
   if (name == "embree") return make_embree_renderer();
+  if (name == "osmesa") return make_osmesa_renderer();
   const std::string near = nearest_word(name, {"auto", "embree", "osmesa", "plane"});
   throw Error("There is no renderer \"" + name + "\": auto, embree, osmesa or plane" +
               (near.empty() ? "" : "; did you mean " + near + "?"));

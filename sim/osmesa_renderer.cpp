@@ -1,0 +1,422 @@
+// Rasterising with OpenGL shaders: which triangle each camera pixel sees, and which triangle each direction of a light
+// meets (the shadow map). The shaders answer nothing else; shading.cpp intersects the exact ray with that triangle.
+//
+// The shadow map holds triangles instead of depths. A point is in shadow where the exact ray from the light goes
+// through one of the triangles seen by the four texels around it, before the point: no depth bias, so no acne and no
+// peter-panning, and shadow edges are those of the triangles, not of the texels.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <list>
+#include <optional>
+
+#define GL_GLEXT_PROTOTYPES
+#include <GL/osmesa.h>
+// After osmesa.h, which brings gl.h.
+#include <GL/glext.h>
+#include <opencv2/core.hpp>
+
+#include "core/error.h"
+#include "core/parallel.h"
+#include "sim/offscreen_gl.h"
+#include "sim/shading.h"
+
+namespace binrig {
+
+namespace {
+constexpr std::size_t cached_meshes = 128;
+constexpr int largest_raster = 8192;
+constexpr float near_mm = 0.01f;          // reversed depth: a near plane this near costs no precision
+constexpr double lens_oversampling = 2;   // raster pixels per pixel of a distorted camera
+constexpr double map_oversampling = 1.5;  // texels of the shadow map per camera pixel
+constexpr int band_rows = 8;
+
+const char* const vertex_shader = R"(#version 450 core
+layout(location = 0) in vec3 p_O;
+uniform mat4 clip_from_O;
+void main() { gl_Position = clip_from_O * vec4(p_O, 1.0); }
+)";
+const char* const fragment_shader = R"(#version 450 core
+layout(location = 0) out uvec2 seen;
+uniform uint object;
+void main() { seen = uvec2(object, uint(gl_PrimitiveID)); }
+)";
+
+/// A pinhole picture of what is seen: pixel centre (i, j) shows the direction (x0 + i dx, y0 + j dy, 1) of its frame.
+struct Raster {
+  int width = 0, height = 0;
+  double x0 = 0, y0 = 0, dx = 0, dy = 0;
+};
+
+/// (object, triangle) a pixel; object 0 = nothing.
+struct Picture {
+  Raster raster;
+  cv::Mat seen;  // CV_32SC2
+  const cv::Vec2i& at(int row, int col) const { return seen.at<cv::Vec2i>(row, col); }
+};
+
+class Rasteriser {
+ public:
+  static Rasteriser& instance() {
+    static Rasteriser rasteriser;
+    return rasteriser;
+  }
+
+  /// The scene from the origin of frame F; X_FC places the camera's frame in it.
+  Picture draw(const RenderScene& scene, const Pose& X_FC, const Raster& raster) {
+    const OffscreenGl::Current current(gl_);
+    if (program_ == 0) start();
+    size_targets(raster);
+    glViewport(0, 0, raster.width, raster.height);
+    const unsigned nothing[4] = {0, 0, 0, 0};
+    glClearBufferuiv(GL_COLOR, 0, nothing);
+    const float farthest = 0.f;
+    glClearBufferfv(GL_DEPTH, 0, &farthest);
+    glUseProgram(program_);
+    // Window x = i + 1/2 where the direction is x0 + i dx; depth near/z, which is 1 at the near plane and 0 far away.
+    Eigen::Matrix4d clip = Eigen::Matrix4d::Zero();
+    clip(0, 0) = 2 / (raster.dx * raster.width);
+    clip(0, 2) = 2 * (0.5 - raster.x0 / raster.dx) / raster.width - 1;
+    clip(1, 1) = 2 / (raster.dy * raster.height);
+    clip(1, 2) = 2 * (0.5 - raster.y0 / raster.dy) / raster.height - 1;
+    clip(2, 3) = near_mm;
+    clip(3, 2) = 1;
+    for (std::size_t i = 0; i < scene.objects.size(); ++i) {
+      const Buffers& buffers = buffers_of(*scene.objects[i].mesh);
+      const Eigen::Matrix4f clip_from_O = (clip * (X_FC * scene.objects[i].X_CO).matrix()).cast<float>();
+      glUniformMatrix4fv(matrix_place_, 1, GL_FALSE, clip_from_O.data());
+      glUniform1ui(object_place_, static_cast<unsigned>(i + 1));
+      glBindVertexArray(buffers.array);
+      glDrawElements(GL_TRIANGLES, buffers.indices, GL_UNSIGNED_INT, nullptr);
+    }
+    glBindVertexArray(0);
+    Picture picture{raster, cv::Mat(raster.height, raster.width, CV_32SC2)};
+    glReadPixels(0, 0, raster.width, raster.height, GL_RG_INTEGER, GL_UNSIGNED_INT, picture.seen.data);
+    check_gl("drawing the scene");
+    return picture;
+  }
+
+ private:
+  struct Buffers {
+    std::uint64_t key = 0;
+    unsigned array = 0, vertices = 0, triangles = 0;
+    int indices = 0;
+  };
+
+  void start() {
+    program_ = OffscreenGl::program(vertex_shader, fragment_shader);
+    matrix_place_ = glGetUniformLocation(program_, "clip_from_O");
+    object_place_ = glGetUniformLocation(program_, "object");
+    glGenFramebuffers(1, &frame_);
+    glGenRenderbuffers(2, targets_);
+    glEnable(GL_DEPTH_TEST);
+    glDepthFunc(GL_GREATER);
+    // libOSMesa does not export this one.
+    const auto clip_control = reinterpret_cast<PFNGLCLIPCONTROLPROC>(OSMesaGetProcAddress("glClipControl"));
+    if (!clip_control) throw Error("OpenGL: no glClipControl on " + gl_.driver());
+    clip_control(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
+    glPixelStorei(GL_PACK_ALIGNMENT, 4);
+  }
+
+  void size_targets(const Raster& raster) {
+    glBindFramebuffer(GL_FRAMEBUFFER, frame_);
+    if (raster.width == width_ && raster.height == height_) return;
+    width_ = height_ = 0;
+    glBindRenderbuffer(GL_RENDERBUFFER, targets_[0]);
+    glRenderbufferStorage(GL_RENDERBUFFER, GL_RG32UI, raster.width, raster.height);
+    glBindRenderbuffer(GL_RENDERBUFFER, targets_[1]);
+    glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT32F, raster.width, raster.height);
+    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, targets_[0]);
+    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, targets_[1]);
+    if (glCheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) {
+      throw Error("OpenGL: no picture of " + std::to_string(raster.width) + " x " + std::to_string(raster.height) +
+                  " pixels on " + gl_.driver());
+    }
+    check_gl("a picture's memory");
+    width_ = raster.width;
+    height_ = raster.height;
+  }
+
+  const Buffers& buffers_of(const Mesh& mesh) {
+    const std::uint64_t key = mesh.content_hash != 0 ? mesh.content_hash : hash_of(mesh);
+    for (auto it = cache_.begin(); it != cache_.end(); ++it) {
+      if (it->key == key) {
+        cache_.splice(cache_.begin(), cache_, it);
+        return cache_.front();
+      }
+    }
+    Buffers buffers{key, 0, 0, 0, static_cast<int>(mesh.triangles.size() * 3)};
+    glGenVertexArrays(1, &buffers.array);
+    glBindVertexArray(buffers.array);
+    glGenBuffers(1, &buffers.vertices);
+    glBindBuffer(GL_ARRAY_BUFFER, buffers.vertices);
+    glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(mesh.vertices.size() * sizeof mesh.vertices[0]),
+                 mesh.vertices.data(), GL_STATIC_DRAW);
+    glEnableVertexAttribArray(0);
+    glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
+    glGenBuffers(1, &buffers.triangles);
+    glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, buffers.triangles);
+    glBufferData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLsizeiptr>(mesh.triangles.size() * sizeof mesh.triangles[0]),
+                 mesh.triangles.data(), GL_STATIC_DRAW);
+    check_gl("the memory of " + mesh.name);
+    cache_.push_front(buffers);
+    if (cache_.size() > cached_meshes) {
+      release(cache_.back());
+      cache_.pop_back();
+    }
+    return cache_.front();
+  }
+
+  static void release(const Buffers& buffers) {
+    glDeleteVertexArrays(1, &buffers.array);
+    glDeleteBuffers(1, &buffers.vertices);
+    glDeleteBuffers(1, &buffers.triangles);
+  }
+
+  OffscreenGl gl_;
+  unsigned program_ = 0, frame_ = 0, targets_[2] = {0, 0};
+  int matrix_place_ = -1, object_place_ = -1, width_ = 0, height_ = 0;
+  std::list<Buffers> cache_;  // used last comes first
+};
+
+template <typename Body>
+void for_rows(int rows, const Body& body) {
+  parallel_for((rows + band_rows - 1) / band_rows, [&](int band) {
+    for (int row = band * band_rows; row < std::min(rows, (band + 1) * band_rows); ++row) body(row);
+  });
+}
+
+/// A triangle as a light sees it, in the camera's axes with the origin in the light.
+class LitTriangle {
+ public:
+  LitTriangle() = default;
+  LitTriangle(const SceneObject& object, std::uint32_t triangle, const Vector3& light) {
+    const auto& t = object.mesh->triangles[triangle];
+    const Pose X = Eigen::Translation3d(-light) * object.X_CO;
+    const Vector3 a = X * object.mesh->vertices[t[0]].cast<double>();
+    const Vector3 b = X * object.mesh->vertices[t[1]].cast<double>();
+    const Vector3 c = X * object.mesh->vertices[t[2]].cast<double>();
+    sides_ = {b.cross(c), c.cross(a), a.cross(b)};
+    volume_ = a.dot(sides_[0]);
+    corners_ = {a, b, c};
+  }
+  /// Does the ray along d go through the triangle? Its border belongs to it, with a width of rounding.
+  bool meets(const Vector3& d) const {
+    const double a = d.dot(sides_[0]), b = d.dot(sides_[1]), c = d.dot(sides_[2]);
+    const double slack = 1e-9 * (std::abs(a) + std::abs(b) + std::abs(c));
+    return (a >= -slack && b >= -slack && c >= -slack) || (a <= slack && b <= slack && c <= slack);
+  }
+  /// Where the ray t d meets the triangle's plane, kept to the triangle's extent along the ray.
+  double reach(const Vector3& d) const {
+    const double across = d.dot(sides_[0] + sides_[1] + sides_[2]);
+    const double along[3] = {d.dot(corners_[0]), d.dot(corners_[1]), d.dot(corners_[2])};
+    const double scale = 1 / d.squaredNorm();
+    const double low = std::min({along[0], along[1], along[2]}) * scale;
+    const double high = std::max({along[0], along[1], along[2]}) * scale;
+    return across != 0 ? std::clamp(volume_ / across, low, high) : low;
+  }
+
+ private:
+  std::array<Vector3, 3> sides_, corners_;
+  double volume_ = 0;
+};
+
+class Rasterising final : public Visibility {
+ public:
+  Rasterising(const RenderScene& scene, const Camera& camera) : scene_(scene), camera_(camera) {}
+
+  FirstHits first_hits(const cv::Mat& rays) override {
+    FirstHits hits{cv::Mat(rays.size(), CV_16U), cv::Mat(rays.size(), CV_32S)};
+    const Raster raster = camera_.distorted() ? around(rays) : of(camera_);
+    const Picture picture = Rasteriser::instance().draw(scene_, Pose::Identity(), raster);
+    for_rows(rays.rows, [&](int row) {
+      const auto* ray = rays.ptr<cv::Vec2f>(row);
+      auto* object = hits.object.ptr<std::uint16_t>(row);
+      auto* triangle = hits.triangle.ptr<std::int32_t>(row);
+      const auto* same_row = camera_.distorted() ? nullptr : picture.seen.ptr<cv::Vec2i>(row);
+      for (int col = 0; col < rays.cols; ++col) {
+        const cv::Vec2i seen = same_row ? same_row[col]
+                                        : picture.at(nearest(ray[col][1], raster.y0, raster.dy, raster.height),
+                                                     nearest(ray[col][0], raster.x0, raster.dx, raster.width));
+        object[col] = static_cast<std::uint16_t>(seen[0]);
+        triangle[col] = seen[0] != 0 ? seen[1] : -1;
+      }
+    });
+    return hits;
+  }
+
+  cv::Mat gaps(const Vector3& light_mm, const cv::Mat& rays, const cv::Mat& depth_mm, const FirstHits& hits) override {
+    cv::Mat gap = cv::Mat::zeros(rays.size(), CV_32F);
+    const Eigen::Matrix3d towards = facing_points(light_mm, rays, depth_mm);
+    for (const Eigen::Matrix3d& turn : cube_faces()) {
+      face_gaps(light_mm, turn * towards, rays, depth_mm, hits, gap);
+    }
+    return gap;
+  }
+
+ private:
+  static int nearest(double x, double x0, double dx, int count) {
+    return std::clamp(static_cast<int>(std::lround((x - x0) / dx)), 0, count - 1);
+  }
+
+  static Raster of(const Camera& camera) {
+    return {camera.width, camera.height, -camera.cx / camera.fx, -camera.cy / camera.fy, 1 / camera.fx, 1 / camera.fy};
+  }
+
+  // A finer pinhole picture around all rays of a distorted camera.
+  Raster around(const cv::Mat& rays) const {
+    cv::Mat planes[2];
+    cv::split(rays, planes);
+    double x_min, x_max, y_min, y_max;
+    cv::minMaxLoc(planes[0], &x_min, &x_max);
+    cv::minMaxLoc(planes[1], &y_min, &y_max);
+    return fitted(x_min, x_max, y_min, y_max, lens_oversampling * camera_.fx, lens_oversampling * camera_.fy);
+  }
+
+  static Raster fitted(double x_min, double x_max, double y_min, double y_max, double per_x, double per_y) {
+    Raster raster;
+    raster.width = std::clamp(static_cast<int>(std::ceil((x_max - x_min) * per_x)) + 2, 2, largest_raster);
+    raster.height = std::clamp(static_cast<int>(std::ceil((y_max - y_min) * per_y)) + 2, 2, largest_raster);
+    raster.dx = std::max((x_max - x_min) / (raster.width - 2), 1e-9);
+    raster.dy = std::max((y_max - y_min) / (raster.height - 2), 1e-9);
+    raster.x0 = x_min - raster.dx / 2;
+    raster.y0 = y_min - raster.dy / 2;
+    return raster;
+  }
+
+  // Axes whose z points from the light to the middle of what is seen. The camera's own where that is near enough.
+  static Eigen::Matrix3d facing_points(const Vector3& light, const cv::Mat& rays, const cv::Mat& depth_mm) {
+    Vector3 sum = Vector3::Zero();
+    for (int row = 0; row < depth_mm.rows; row += 8) {
+      for (int col = 0; col < depth_mm.cols; col += 8) {
+        const double z = depth_mm.at<float>(row, col);
+        const auto& ray = rays.at<cv::Vec2f>(row, col);
+        if (z > 0) sum += (Vector3(ray[0] * z, ray[1] * z, z) - light).normalized();
+      }
+    }
+    if (sum.norm() == 0 || sum.normalized().z() > 0.9) return Eigen::Matrix3d::Identity();
+    return Eigen::Quaterniond::FromTwoVectors(sum, Vector3(0, 0, 1)).toRotationMatrix();
+  }
+
+  // The six faces of a cube about the light: a light in the middle of things sees them all; usually one is enough.
+  static const std::array<Eigen::Matrix3d, 6>& cube_faces() {
+    static const std::array<Eigen::Matrix3d, 6> faces = [] {
+      std::array<Eigen::Matrix3d, 6> out;
+      const double quarter = EIGEN_PI / 2;
+      const Vector3 x(1, 0, 0), y(0, 1, 0);
+      out[0] = Eigen::Matrix3d::Identity();
+      out[1] = Eigen::AngleAxisd(quarter, y).toRotationMatrix();
+      out[2] = Eigen::AngleAxisd(-quarter, y).toRotationMatrix();
+      out[3] = Eigen::AngleAxisd(quarter, x).toRotationMatrix();
+      out[4] = Eigen::AngleAxisd(-quarter, x).toRotationMatrix();
+      out[5] = Eigen::AngleAxisd(2 * quarter, x).toRotationMatrix();
+      return out;
+    }();
+    return faces;
+  }
+
+  static bool on_face(const Vector3& p) { return p.z() > 0 && std::abs(p.x()) <= p.z() && std::abs(p.y()) <= p.z(); }
+
+  // The gaps of the points that lie on one face of the cube. R_LC: from the camera's axes to the face's.
+  void face_gaps(const Vector3& light, const Eigen::Matrix3d& R_LC, const cv::Mat& rays, const cv::Mat& depth_mm,
+                 const FirstHits& hits, cv::Mat& gap) const {
+    const auto point = [&](int row, int col) {
+      const double z = depth_mm.at<float>(row, col);
+      const auto& ray = rays.at<cv::Vec2f>(row, col);
+      return Vector3(ray[0] * z - light.x(), ray[1] * z - light.y(), z - light.z());
+    };
+    struct Bounds {
+      double x_min = 2, x_max = -2, y_min = 2, y_max = -2;
+    };
+    std::vector<Bounds> of_rows(static_cast<std::size_t>(rays.rows));
+    for_rows(rays.rows, [&](int row) {
+      Bounds& b = of_rows[static_cast<std::size_t>(row)];
+      for (int col = 0; col < rays.cols; ++col) {
+        if (depth_mm.at<float>(row, col) <= 0.f) continue;
+        const Vector3 p = R_LC * point(row, col);
+        if (!on_face(p)) continue;
+        const double x = p.x() / p.z(), y = p.y() / p.z();
+        b.x_min = std::min(b.x_min, x);
+        b.x_max = std::max(b.x_max, x);
+        b.y_min = std::min(b.y_min, y);
+        b.y_max = std::max(b.y_max, y);
+      }
+    });
+    Bounds all;
+    for (const Bounds& b : of_rows) {
+      all = {std::min(all.x_min, b.x_min), std::max(all.x_max, b.x_max), std::min(all.y_min, b.y_min),
+             std::max(all.y_max, b.y_max)};
+    }
+    if (all.x_min > all.x_max) return;  // nothing on this face
+    const Raster raster = fitted(all.x_min, all.x_max, all.y_min, all.y_max,
+                                 map_oversampling * camera_.width / std::max(all.x_max - all.x_min, 1e-6),
+                                 map_oversampling * camera_.height / std::max(all.y_max - all.y_min, 1e-6));
+    Pose X_LC = Pose::Identity();
+    X_LC.linear() = R_LC;
+    X_LC.translation() = -(R_LC * light);
+    const Picture map = Rasteriser::instance().draw(scene_, X_LC, raster);
+    for_rows(rays.rows, [&](int row) {
+      LitTriangle triangle;
+      cv::Vec2i of_triangle(0, -1);
+      for (int col = 0; col < rays.cols; ++col) {
+        if (depth_mm.at<float>(row, col) <= 0.f) continue;
+        const Vector3 p = point(row, col);
+        const Vector3 p_L = R_LC * p;
+        if (!on_face(p_L)) continue;
+        const cv::Vec2i own(hits.object.at<std::uint16_t>(row, col), hits.triangle.at<std::int32_t>(row, col));
+        gap.at<float>(row, col) = point_gap(map, p_L, p, own, light, triangle, of_triangle);
+      }
+    });
+  }
+
+  float point_gap(const Picture& map, const Vector3& p_L, const Vector3& p, const cv::Vec2i& own, const Vector3& light,
+                  LitTriangle& triangle, cv::Vec2i& of_triangle) const {
+    const Raster& r = map.raster;
+    const double x = (p_L.x() / p_L.z() - r.x0) / r.dx, y = (p_L.y() / p_L.z() - r.y0) / r.dy;
+    const int left = std::clamp(static_cast<int>(x), 0, r.width - 2),
+              top = std::clamp(static_cast<int>(y), 0, r.height - 2);
+    const std::array<cv::Vec2i, 4> seen{map.at(top, left), map.at(top, left + 1), map.at(top + 1, left),
+                                        map.at(top + 1, left + 1)};
+    if (own[0] != 0 && seen[0] == own && seen[1] == own && seen[2] == own && seen[3] == own) return 0.f;
+    const double length = p.norm();
+    double behind_met = -1, behind_least = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < 4; ++k) {
+      if (k > 0 && std::find(seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(k), seen[k]) !=
+                       seen.begin() + static_cast<std::ptrdiff_t>(k))
+        continue;
+      double behind = 0;
+      bool met = false;
+      if (seen[k][0] != 0) {
+        if (seen[k] != of_triangle) {
+          of_triangle = seen[k];
+          triangle = LitTriangle(scene_.objects[static_cast<std::size_t>(seen[k][0] - 1)],
+                                 static_cast<std::uint32_t>(seen[k][1]), light);
+        }
+        met = triangle.meets(p);
+        behind = std::max(0.0, length * (1 - triangle.reach(p)));
+      }
+      if (met) behind_met = std::max(behind_met, behind);
+      behind_least = std::min(behind_least, behind);
+    }
+    // No triangle around is met where they are smaller than a texel: the nearest to explaining the point counts.
+    const double behind = behind_met >= 0 ? behind_met : behind_least;
+    return behind > lit_within_mm ? static_cast<float>(behind) : 0.f;
+  }
+
+  const RenderScene& scene_;
+  const Camera& camera_;
+};
+
+class OsmesaRenderer final : public Renderer {
+ public:
+  std::string name() const override { return "osmesa"; }
+  std::shared_ptr<const Channels> render(const RenderScene& scene, const RenderRequest& request) const override {
+    Rasterising rasterising(scene, request.camera);
+    return render_channels(scene, request, rasterising);
+  }
+};
+}  // namespace
+
+std::unique_ptr<Renderer> make_osmesa_renderer() { return std::make_unique<OsmesaRenderer>(); }
+
+}  // namespace binrig
