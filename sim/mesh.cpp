@@ -1,5 +1,7 @@
 #include "sim/mesh.h"
 
+#include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
@@ -126,6 +128,7 @@ std::shared_ptr<const Mesh> load_mesh(const std::string& path, LengthUnit unit) 
   if (!std::filesystem::is_regular_file(path)) refuse(path, "there is no such file");
   Assimp::Importer importer;
   importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
+  importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);  // O is the file's own frame
   const aiScene* scene = importer.ReadFile(path, aiProcess_Triangulate);
   if (!scene || !scene->mRootNode) refuse(path, std::string("cannot be read: ") + importer.GetErrorString());
 
@@ -137,7 +140,11 @@ std::shared_ptr<const Mesh> load_mesh(const std::string& path, LengthUnit unit) 
   }
   Builder builder;
   std::size_t bad_vertices = 0;
-  gather(*scene, *scene->mRootNode, aiMatrix4x4(), mm_per(unit), builder, bad_vertices);
+  std::string ending = std::filesystem::path(path).extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return std::tolower(c); });
+  // A COLLADA file states its unit, and Assimp turns it into metres.
+  const double scale = mm_per(ending == ".dae" ? LengthUnit::m : unit);
+  gather(*scene, *scene->mRootNode, aiMatrix4x4(), scale, builder, bad_vertices);
   if (bad_vertices > 0)
     refuse(path, std::to_string(bad_vertices) + " of its vertices are not numbers (NaN or infinite)");
   Mesh& mesh = builder.mesh;

@@ -42,7 +42,8 @@ std::uint64_t hash_of(const Mesh& mesh);
 /// What a mesh file's numbers mean.
 enum class LengthUnit { mm, cm, m, inch };
 
-/// Reads STL, COLLADA, OBJ or PLY. Vertices at equal places are merged. Throws Error: cannot be read, no triangles, NaN
+/// Reads STL, COLLADA (whose files state their unit: `unit` does not count), OBJ or PLY. Vertices at equal places are
+/// merged. Throws Error: cannot be read, no triangles, NaN
 /// vertices (how many), more than 4 million triangles, or a diameter that looks like another unit (below 1 mm or above
 /// 20 m: "is it in metres?").
 std::shared_ptr<const Mesh> load_mesh(const std::string& path, LengthUnit unit = LengthUnit::mm);

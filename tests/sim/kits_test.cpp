@@ -19,9 +19,10 @@ float median(std::vector<float>& values) {
   return values[values.size() / 2];
 }
 
-// Offset: the targets stood within pose_sigma (0.15 mm, 0.3 mrad) of nominal, a draw a capture, so a median offset beyond
-// 4 sigma (0.6 mm) is a wrong picture, not a pose. Spread: the scatter of the pixels' mean over frames about that offset,
-// as a robust standard deviation; sensor noise of 0.2 .. 0.3 mm over 4 .. 24 frames leaves 0.15 mm at most.
+// Offset: the targets stood within pose_sigma (0.15 mm, 0.3 mrad) of nominal, a draw a capture, so a median offset
+// beyond 4 sigma (0.6 mm) is a wrong picture, not a pose. Spread: the scatter of the pixels' mean over frames about
+// that offset, as a robust standard deviation; sensor noise of 0.2 .. 0.3 mm over 4 .. 24 frames leaves 0.15 mm at
+// most.
 TEST(Kits, RenderedAndMeasuredMeanDepthCoincideOnEveryCapture) {
   const std::string path = test::shared_recording("bench/kit-a");
   if (path.empty()) GTEST_SKIP() << "the shared recordings are not on this machine";
@@ -31,7 +32,8 @@ TEST(Kits, RenderedAndMeasuredMeanDepthCoincideOnEveryCapture) {
   ASSERT_EQ(forward.captures().size(), 19u);
   for (int c = 0; c < 19; ++c) {
     const CaptureInfo& info = forward.captures()[c];
-    const auto channels = forward.perfect(c, 0, Offset{}, Channel::depth | Channel::cos_incidence | Channel::edge_distance | Channel::normal, model);
+    const auto channels = forward.perfect(
+        c, 0, Offset{}, Channel::depth | Channel::cos_incidence | Channel::edge_distance | Channel::normal, model);
     const CaptureReader reader = set.capture(info.key());
     cv::Mat sum = cv::Mat::zeros(channels->depth_mm.size(), CV_32F), count = sum.clone();
     for (int i = 0; i < reader.size(); ++i) {
@@ -46,7 +48,8 @@ TEST(Kits, RenderedAndMeasuredMeanDepthCoincideOnEveryCapture) {
       for (int col = 0; col < sum.cols; ++col) {
         // Interior as in the statistics: 4 px from depth edges, incidence below 62 degrees.
         if (count.at<float>(row, col) < reader.size() || channels->depth_mm.at<float>(row, col) <= 0) continue;
-        if (channels->edge_px.at<float>(row, col) <= 4 || channels->cos_incidence.at<float>(row, col) < 0.469f) continue;
+        if (channels->edge_px.at<float>(row, col) <= 4 || channels->cos_incidence.at<float>(row, col) < 0.469f)
+          continue;
         errors.push_back(sum.at<float>(row, col) / count.at<float>(row, col) - channels->depth_mm.at<float>(row, col));
       }
     }
@@ -67,7 +70,8 @@ TEST(Kits, ShadowOfTheStepIsWhereTheRecordingHasItsHoles) {
   if (path.empty()) GTEST_SKIP() << "the shared recordings are not on this machine";
   const RecordingSet set = RecordingSet::open(path);
   const SceneForwardModel forward(set);
-  const SensorModel model = parse_sensor_model("name: shadow\neffects:\n  - projector_shadow: {bias: 1}\n", "shadow", effect_catalogue());
+  const SensorModel model =
+      parse_sensor_model("name: shadow\neffects:\n  - projector_shadow: {bias: 1}\n", "shadow", effect_catalogue());
   for (int c = 0; c < static_cast<int>(forward.captures().size()); ++c) {
     const CaptureInfo& info = forward.captures()[c];
     if (info.name != "step" && info.name != "step_2") continue;

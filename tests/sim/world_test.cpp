@@ -41,8 +41,8 @@ TEST(World, IsReadAndSeen) {
   EXPECT_EQ(world.sensors[0].camera->width, 128);
 
   const Pose& X_WC = world.sensors[0].X_WC[0];
-  EXPECT_TRUE((X_WC * Vector3(0, 0, 800)).isZero(1e-9));            // looks at the origin
-  EXPECT_GT((X_WC.linear() * Vector3(0, -1, 0)).y(), 0.99);         // up is up in the image
+  EXPECT_TRUE((X_WC * Vector3(0, 0, 800)).isZero(1e-9));     // looks at the origin
+  EXPECT_GT((X_WC.linear() * Vector3(0, -1, 0)).y(), 0.99);  // up is up in the image
   EXPECT_NEAR(X_WC.linear().determinant(), 1, 1e-12);
 
   const RenderScene scene = render_scene(world, X_WC);
@@ -50,7 +50,8 @@ TEST(World, IsReadAndSeen) {
   EXPECT_EQ(scene.objects[0].obj_id, 1);
   EXPECT_EQ(scene.objects[2].obj_id, 0);
   const Channels seen = *make_renderer("embree")->render(
-      scene, {*world.sensors[0].camera, world.sensors[0].info.projector_xyz_mm, 800, Channel::depth | Channel::instance});
+      scene,
+      {*world.sensors[0].camera, world.sensors[0].info.projector_xyz_mm, 800, Channel::depth | Channel::instance});
   // The bin's floor is at z = 0, so 800 mm below the camera.
   EXPECT_NEAR(seen.depth_mm.at<float>(10, 64), 800, 1e-3);
   EXPECT_EQ(seen.instance.at<std::uint16_t>(10, 64), 3);
@@ -85,9 +86,8 @@ lamps: []
     FAIL() << "accepted";
   } catch (const Error& error) {
     const std::string all = error.what();
-    for (const char* expected :
-         {"bad.yaml:3", "cylinder", "friction", "nowhere.stl", "colour", "translation", "albedo", "16 numbers",
-          "inner_size", "viewing direction", "gone.yaml", "lamps"}) {
+    for (const char* expected : {"bad.yaml:3", "cylinder", "friction", "nowhere.stl", "colour", "translation", "albedo",
+                                 "16 numbers", "inner_size", "viewing direction", "gone.yaml", "lamps"}) {
       EXPECT_THAT(all, testing::HasSubstr(expected));
     }
   }
@@ -100,7 +100,8 @@ TEST(World, AnInsideOutMeshIsRefusedAndSaysSo) {
     obj << "v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n";
   }
   try {
-    parse_world("parts: [{mesh: inverted.obj, pose: {}}]\nsensors: [{pose: {translation: [0, 0, 0]}}]\n", "w.yaml", folder);
+    parse_world("parts: [{mesh: inverted.obj, pose: {}}]\nsensors: [{pose: {translation: [0, 0, 0]}}]\n", "w.yaml",
+                folder);
     FAIL() << "accepted";
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), testing::HasSubstr("inside out"));
