@@ -59,7 +59,7 @@ std::vector<std::uint8_t> png_of(const cv::Mat& rgb) {
   cv::Mat bgr;
   cv::cvtColor(rgb, bgr, cv::COLOR_RGB2BGR);
   std::vector<std::uint8_t> bytes;
-  cv::imencode(".png", bgr, bytes, {cv::IMWRITE_PNG_COMPRESSION, 9});
+  cv::imencode(".png", bgr, bytes, {cv::IMWRITE_PNG_COMPRESSION, 7});
   return bytes;
 }
 
