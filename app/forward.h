@@ -21,8 +21,13 @@ struct Forward {
   std::vector<std::string> notes;
 };
 
-/// Plane targets without poses get a plane a frame; scenes whose meshes leave most of the measured surface unexplained
-/// (objects on a table) get the plane of their largest flat region, too. Throws Error if nothing can be simulated.
+/// Plane targets without poses get a plane a frame; scenes whose meshes leave much of the measured surface unexplained
+/// (objects on a table) get the plane of their largest flat region, too; labelled scenes without meshes get a plane for
+/// their first label and boxes for the others. Throws Error if nothing can be simulated.
 Forward open_forward_model(const std::string& set_path, const ForwardOptions& options = {});
+
+/// Where the model says `projector: fit` and has no place yet: fits it to the train captures' shadows and puts it in.
+/// Returns what was found in words, "" where there was nothing to do.
+std::string settle_projector(SensorModel& model, const ForwardModel& forward);
 
 }  // namespace binrig
