@@ -11,6 +11,7 @@
 #include <opencv2/core.hpp>
 
 #include "core/error.h"
+#include "sim/dot_pattern/instrument.h"
 #include "sim/effect.h"
 #include "sim/sensor.h"
 
@@ -376,18 +377,42 @@ void SceneForwardModel::simulate(const SimulationRequest& request, const FrameSi
     return channels;
   };
 
-  const ChannelSet wanted = SensorRun::needed_channels(model, impl_->options.with_ir);
-  SensorRun run(model, context);
-  std::shared_ptr<const Channels> channels;
+  std::unique_ptr<dot_pattern::Instrument> instrument;
+  std::unique_ptr<SensorRun> run;
+  ChannelSet wanted = 0;
+  if (model.dot_pattern) {
+    dot_pattern::Geometry geometry;
+    geometry.nominal = nominal.camera;
+    geometry.actual = request_for(request.capture, 0, request.offset, model).camera;
+    if (!nominal.projector_xyz_mm) throw Error(set().path + ": the projector's place is unknown; write it in the model");
+    geometry.second_view_mm = *nominal.projector_xyz_mm;
+    const double z0 = nominal.reference_distance_mm;
+    geometry.range_mm = model.range_mm.value_or(set().sensor.range_mm.value_or(std::array<double, 2>{0.75 * z0, 1.25 * z0}));
+    geometry.reference_distance_mm = z0;
+    geometry.depth_scale_mm = context.depth_scale_mm;
+    geometry.seed = context.seed;
+    geometry.unit_seed = context.unit_seed;
+    geometry.capture_key = context.capture_key;
+    instrument = std::make_unique<dot_pattern::Instrument>(model, geometry, *impl_->renderer);
+  } else {
+    wanted = SensorRun::needed_channels(model, impl_->options.with_ir);
+    run = std::make_unique<SensorRun>(model, context);
+  }
   for (int number = 0; number < frames; ++number) {
     const int source = std::min(number, recorded - 1);
-    channels = perfect(request.capture, source, request.offset, wanted, model);
     FrameInstant instant;
     instant.number = number;
     instant.time_s = scene.times_s[source];
     if (number >= recorded) instant.time_s += (number - source) / set().sensor.frame_rate_hz.value_or(1.0);
     if (scene.info.power_on) instant.since_power_on_s = instant.time_s;
-    Frame frame = run.frame(*channels, instant);
+    Frame frame;
+    if (instrument) {
+      frame = instrument->frame(scene_at(request.capture, scene.times_s[source], request.offset), number,
+                                instant.since_power_on_s);
+      if (!impl_->options.with_ir) frame.ir.release();
+    } else {
+      frame = run->frame(*perfect(request.capture, source, request.offset, wanted, model), instant);
+    }
     const Frame& header = scene.headers[source];
     frame.camera = header.camera;
     frame.objects = header.objects;
