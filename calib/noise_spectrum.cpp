@@ -173,8 +173,8 @@ cv::Mat SpectrumEstimate::density_sd(int rows, int cols) const {
   return result;
 }
 
-RadialSpectrum SpectrumEstimate::radial(int bins) const {
-  RadialSpectrum result;
+RadialDensity SpectrumEstimate::radial(int bins) const {
+  RadialDensity result;
   const int n = natural_grid();
   const cv::Mat s = density(n, n);
   const cv::Mat masked = cosine_transform(window.mul(covariance).mul(products), n, n);

@@ -24,7 +24,7 @@
 namespace binrig {
 
 /// Mean of S over rings of width 1/(2 bins) cycles/px.
-struct RadialSpectrum {
+struct RadialDensity {
   std::vector<double> frequency;  ///< cycles/px, middle of the ring
   std::vector<double> density;    ///< mm^2 px^2; may be slightly negative where the truth is near 0
   std::vector<double> sd;         ///< standard deviation of the estimate; 2 (density/sd)^2 effective degrees of freedom
@@ -57,7 +57,7 @@ struct SpectrumEstimate {
   cv::Mat density(int rows, int cols) const;
   /// Standard deviation of S there; the estimate has 2 (S/sd)^2 effective degrees of freedom.
   cv::Mat density_sd(int rows, int cols) const;
-  RadialSpectrum radial(int bins) const;
+  RadialDensity radial(int bins) const;
   /// Clipped at 0 and scaled back to the variance. `rounding_mm`: the storage step, whose noise step^2/12 is taken
   /// out because the simulated sensor rounds, too.
   NoiseSpectrum spectrum(int rows, int cols, double rounding_mm = 0) const;

@@ -78,7 +78,7 @@ TEST(NoiseSpectrumFit, StatesItsOwnScatter) {
   const auto truth = NoiseSpectrum::parametric(2 * rows, 2 * cols, 0.3, 0.8, 0.2);
   const NoiseSynthesis synthesis(truth, true);
   for (double missing : {0.0, 0.3}) {
-    std::vector<RadialSpectrum> fits(seeds);
+    std::vector<RadialDensity> fits(seeds);
     std::vector<cv::Mat> points(seeds), stated(seeds);
     parallel_for(seeds, [&](int seed) {
       SpectrumEstimator estimator(16, 1);

@@ -1,0 +1,270 @@
+// binrig fit-noise: the noise of plane captures into a sensor model, and what it is worth on others.
+#include <cstdio>
+#include <filesystem>
+
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "app/commands.h"
+#include "app/noise_report.h"
+#include "app/plane_captures.h"
+#include "app/plane_simulation.h"
+#include "calib/noise_fit.h"
+#include "core/error.h"
+#include "core/parallel.h"
+#include "core/progress.h"
+#include "core/recording_writer.h"
+#include "sim/effect.h"
+
+namespace binrig {
+namespace {
+
+struct FitNoiseOptions {
+  std::string measured, capture, model, out, report;
+  CommonOptions common;
+};
+
+PlaneSimulation plane_of(const PlaneCaptures& planes, const FirstLook& look, const FittedNoise& fit,
+                         std::uint64_t seed) {
+  PlaneSimulation s;
+  s.camera = look.camera;
+  s.normal = look.plane.normal;
+  s.offset_mm = look.plane.offset_mm;
+  s.projector_xyz_mm = planes.set.info().sensor.projector();
+  const auto range = planes.set.info().sensor.range_mm;
+  s.reference_distance_mm = range ? 0.5 * ((*range)[0] + (*range)[1]) : fit.anchor_mm;
+  s.depth_scale_mm = look.depth_scale_mm;
+  s.seed = seed;
+  s.capture = look.key;
+  return s;
+}
+
+// What the model makes of a capture's plane, through the capture's own mask and the same code.
+CaptureNoise simulated_noise(const SensorModel& model, const PlaneCaptures& planes, const CaptureNoise& measured,
+                             const FittedNoise& fit, std::uint64_t seed, int frames) {
+  const FirstLook& real = measured.look;
+  PlaneSimulation plane = plane_of(planes, real, fit, seed);
+  const bool temporal = fit.temporal && measured.temporal;
+  plane.frames = temporal ? frames : 1;
+  const FrameStream stream = simulate_plane(model, plane, temporal ? 1 : frames);
+  std::optional<FirstLook> look;
+  const FrameStream first = simulate_plane(model, [&] {
+    PlaneSimulation one = plane;
+    one.frames = 1;
+    return one;
+  }());
+  first([&](const Frame& frame, int) { look = look_at(real.key, real.name, frame, frames, real.plane.valid); });
+  PlaneNoiseOptions options;
+  options.max_lag_px = measured.single.max_lag_px;
+  options.drop_order = measured.single.drop_order;
+  options.single_frames = frames;
+  return measure_noise(*look, stream, false, options);
+}
+
+const CaptureNoise& nearest_to_anchor(const std::vector<CaptureNoise>& captures, const FittedNoise& fit) {
+  const auto away = [&](const CaptureNoise& c) {
+    return std::abs(std::log(c.look.plane.distance_mm / fit.anchor_mm)) / 0.05 +
+           std::abs(c.look.plane.incidence_rad - fit.anchor_incidence_rad) / 0.1;
+  };
+  return *std::min_element(captures.begin(), captures.end(),
+                           [&](const auto& a, const auto& b) { return away(a) < away(b); });
+}
+
+// File options are relative to the model file: a model that moves takes them along.
+void rebase_files(SensorModel& model, const std::string& out) {
+  const auto from = std::filesystem::absolute(model.file).parent_path();
+  const auto to = std::filesystem::absolute(out).parent_path();
+  for (auto& instance : model.effects)
+    for (auto& [name, value] : instance.options) {
+      const OptionSpec* spec = instance.declaration(effect_catalogue()).option(name);
+      if (spec == nullptr || !spec->is_file || value.empty() || std::filesystem::path(value).is_absolute()) continue;
+      value = std::filesystem::proximate(from / value, to).string();
+    }
+  model.file = out;
+}
+
+EffectInstance& instance_of(SensorModel& model, const std::string& effect) {
+  for (auto& instance : model.effects)
+    if (instance.effect == effect) return instance;
+  return add_effect(model, effect_catalogue(), effect);
+}
+
+// Sets the amplitude effects that the model already has to the law that the captures follow, and returns the factor
+// from sigma at the anchor to sigma where those effects are 1.
+double apply_law(SensorModel& model, const FittedNoise& fit, double reference_mm, const std::string& provenance) {
+  if (!fit.law.fitted) return 1;
+  bool distance = false, incidence = false;
+  for (auto& instance : model.effects) {
+    if (instance.effect != "axial_noise" && instance.effect != "incidence_noise") continue;
+    const bool axial = instance.effect == "axial_noise";
+    const double value = axial ? fit.law.exponent : fit.law.incidence;
+    const double se = axial ? fit.law.exponent_se : fit.law.incidence_se;
+    const auto& declaration = instance.declaration(effect_catalogue());
+    const ParameterSpec* spec = declaration.parameter(declaration.amplitude);
+    if (spec == nullptr || value < spec->lower || value > spec->upper) continue;
+    instance.values[spec->name] = {value, std::array{value - 1.96 * se, value + 1.96 * se}, provenance};
+    (axial ? distance : incidence) = true;
+  }
+  const double there =
+      fit.law.variance_at(distance ? reference_mm : fit.anchor_mm, incidence ? 0 : fit.anchor_incidence_rad);
+  return std::sqrt(there / fit.law.variance_at(fit.anchor_mm, fit.anchor_incidence_rad));
+}
+
+// Effects after the noise (a blur, a filter) change it: the density that the model draws is corrected until what comes
+// out at the end, storage included, is what was measured.
+struct Correction {
+  int rounds = 0;
+  double sigma_ratio = 1, spectrum_db = 0;  ///< simulated against fitted, at the end
+};
+
+Correction correct_for_later_effects(SensorModel& model, EffectInstance& noise, NoiseSpectrum& spectrum,
+                                     const std::string& spectrum_path, const std::string& provenance,
+                                     const PlaneCaptures& planes, const CaptureNoise& anchor, const FittedNoise& fit,
+                                     std::uint64_t seed) {
+  const int n = fit.shape.natural_grid();
+  const double level = fit.sigma_mm * fit.sigma_mm + fit.rounding_mm * fit.rounding_mm / 12;
+  const double law = fit.law.fitted
+                         ? fit.law.variance_at(anchor.look.plane.distance_mm, anchor.look.plane.incidence_rad) /
+                               fit.law.variance_at(fit.anchor_mm, fit.anchor_incidence_rad)
+                         : 1;
+  // Only effects of the model can make the noise follow the law.
+  bool follows = false;
+  for (const auto& i : model.effects) follows |= i.effect == "axial_noise" || i.effect == "incidence_noise";
+  const double wanted_level = level * (follows ? law : 1);
+  const cv::Mat wanted = fit.shape.density(n, n) * wanted_level;
+  Correction result;
+  for (;; ++result.rounds) {
+    spectrum.write(spectrum_path, provenance);
+    noise.values["sigma"].value = std::sqrt(spectrum.variance_mm2());
+    const CaptureNoise made = simulated_noise(model, planes, anchor, fit, seed, 8);
+    const SpectrumEstimate& estimate = fit.temporal ? *made.temporal : made.single;
+    const cv::Mat seen = estimate.density(n, n);
+    result.sigma_ratio = std::sqrt(estimate.variance_mm2() / wanted_level);
+    const int rings = std::clamp(estimate.max_lag_px / 3, 4, 32);
+    const auto real = fit.shape.radial(rings), simulated = estimate.radial(rings);
+    double squares = 0;
+    for (std::size_t r = 0; r < real.density.size(); ++r)
+      squares += std::pow(10 * std::log10(std::max(simulated.density[r], 1e-9) /
+                                          std::max(real.density[r] * wanted_level, 1e-9)),
+                          2) /
+                 static_cast<double>(real.density.size());
+    result.spectrum_db = std::sqrt(squares);
+    if ((std::abs(result.sigma_ratio - 1) < 0.01 && result.spectrum_db < 0.25) || result.rounds == 5) return result;
+    cv::Mat psd = spectrum.psd().clone();
+    const double floor = 1e-4 * wanted_level;
+    for (int row = 0; row < psd.rows; ++row)
+      for (int col = 0; col < psd.cols; ++col) {
+        const double target = std::max(wanted.at<double>(row, col), floor);
+        const double ratio = std::clamp(target / std::max(seen.at<double>(row, col), floor), 0.2, 5.0);
+        psd.at<double>(row, col) = std::max(psd.at<double>(row, col), 1e-3 * floor) * ratio;
+      }
+    spectrum = NoiseSpectrum(psd, spectrum.cols());
+  }
+}
+
+void run(const FitNoiseOptions& options) {
+  apply(options.common);
+  SensorModel model = read_sensor_model(options.model, effect_catalogue());
+  if (model.dot_pattern)
+    throw Error(options.model +
+                " is a first-principles instrument: its noise follows from its parts and cannot be fitted");
+  PlaneCaptures planes = open_plane_captures(options.measured, options.capture);
+
+  NoiseFitReport report;
+  report.set = options.measured;
+  report.notes = planes.notes;
+  std::vector<CaptureNoise> train, test;
+  report.low = measure_plane_captures(planes, train, test);
+  const FittedNoise fit = fit_noise(train, report.low);
+
+  const std::string provenance =
+      fmt::format("fitted: {} {}, {} capture{}, {}", std::filesystem::path(options.measured).filename().string(),
+                  options.capture.empty() ? "train" : options.capture, train.size(), train.size() == 1 ? "" : "s",
+                  fit.temporal ? "temporal noise" : "single frames, an upper bound");
+  rebase_files(model, options.out);
+  const auto folder = std::filesystem::absolute(options.out).parent_path();
+  std::filesystem::create_directories(folder);
+  const std::string stem = std::filesystem::path(options.out).stem().string();
+  const std::string spectrum_file = stem + ".spectrum.json", spectrum_path = (folder / spectrum_file).string();
+
+  EffectInstance* noise = &instance_of(model, "spectral_noise");
+  const auto range = planes.set.info().sensor.range_mm;
+  const double reference = model.reference_from == Given::written ? model.reference_distance_mm
+                           : range                                ? 0.5 * ((*range)[0] + (*range)[1])
+                                                                  : fit.anchor_mm;
+  const double to_reference = apply_law(model, fit, reference, provenance);
+  noise->options["spectrum"] = spectrum_file;
+  noise->provenance = provenance;
+  noise->values["sigma"] = {fit.sigma_mm * to_reference, {}, provenance};
+  noise->values["correlation_length"] = {std::clamp(fit.parametric.correlation_length_px, 0.0, 50.0),
+                                         fit.parametric.correlation_length_ci95, provenance};
+  noise->values["white_share"] = {fit.parametric.white_share, fit.parametric.white_share_ci95, provenance};
+  NoiseSpectrum spectrum = fit.spectrum().scaled_to(fit.sigma_mm * to_reference);
+  const CaptureNoise& anchor = nearest_to_anchor(train, fit);
+  const Correction correction = correct_for_later_effects(model, *noise, spectrum, spectrum_path, provenance, planes,
+                                                          anchor, fit, options.common.seed + 1000);
+  // The interval is that of the noise as measured, carried over to the parameter.
+  const double carried = noise->values["sigma"].value / fit.sigma_mm;
+  noise->values["sigma"].ci95 = std::array{fit.sigma_ci95[0] * carried, fit.sigma_ci95[1] * carried};
+  check_sensor_model(model, effect_catalogue());
+  write_sensor_model(model, effect_catalogue(), options.out);
+
+  // Held-out captures; where there are none, the anchor, marked as fitted to.
+  const std::vector<CaptureNoise>& judged = test.empty() ? train : test;
+  const CaptureNoise* counts = &nearest_to_anchor(judged, fit);
+  report.judgements.resize(judged.size());
+  Progress progress("simulating the judged captures", static_cast<std::int64_t>(judged.size()));
+  parallel_for(static_cast<int>(judged.size()), [&](int i) {
+    const CaptureNoise& measured = judged[static_cast<std::size_t>(i)];
+    const int frames = fit.temporal && measured.temporal ? std::clamp(measured.frames_used, 2, 12) : 4;
+    auto& judgement = report.judgements[static_cast<std::size_t>(i)];
+    judgement = judge_noise(fit, measured, simulated_noise(model, planes, measured, fit, options.common.seed, frames));
+    judgement.nearest = &measured == counts;
+    progress.advance();
+  });
+  report.fit = fit;
+  report.train = train;
+  report.test = test;
+  report.model_out = options.out;
+  report.spectrum_file = spectrum_path;
+  report.model_sigma_mm = noise->values["sigma"].value;
+  report.correction_rounds = correction.rounds;
+  report.correction_sigma_ratio = correction.sigma_ratio;
+  report.correction_spectrum_db = correction.spectrum_db;
+
+  const std::string json = noise_report_json(report).dump(1);
+  write_file_atomically((folder / (stem + ".noise.json")).string(), json);
+  if (!options.report.empty()) {
+    std::filesystem::create_directories(options.report);
+    write_file_atomically((std::filesystem::path(options.report) / "report.json").string(), json);
+    report.page = write_noise_page(report, options.report);
+  }
+  if (options.common.json) {
+    std::puts(json.c_str());
+  } else {
+    std::fputs(noise_report_text(report).c_str(), stdout);
+  }
+}
+
+}  // namespace
+
+void add_fit_noise(CLI::App& app, int& status) {
+  auto options = std::make_shared<FitNoiseOptions>();
+  CLI::App* verb =
+      app.add_subcommand("fit-noise", "fits the noise spectrum to plane captures and judges it on held-out ones");
+  verb->add_option("--measured", options->measured, "recording set")->required();
+  verb->add_option("--capture", options->capture, "fit to this capture alone, e.g. train/1");
+  verb->add_option("--model", options->model, "sensor model to start from")->required();
+  verb->add_option("--out", options->out, "model to write; the spectrum goes to a file beside it")->required();
+  verb->add_option("--report", options->report, "folder for report.html and report.json");
+  add_common_options(*verb, options->common);
+  verb->callback([options, &status] {
+    run(*options);
+    status = 0;
+  });
+}
+
+}  // namespace binrig
