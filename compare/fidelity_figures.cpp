@@ -150,14 +150,40 @@ CloudFigure residual_clouds(const std::string& name, const NoiseProfile& m, cons
   };
   figure.panels.push_back(panel(m, "measured"));
   if (s) figure.panels.push_back(panel(*s, "simulated"));
-  const double mm_per_px = m.metrics.distance_mm > 0 ? gain : gain;
   figure.alt = "point cloud of the plane with its departures exaggerated";
   figure.caption = fmt::format(
       "The first frame as a point cloud (thesis Figures 5-19 and 5-20): columns and rows in pixels, the departure from "
       "the "
       "plane exaggerated to {:.3g} px a millimetre, for both alike.",
-      mm_per_px);
+      gain);
   return figure;
+}
+
+Plot variogram_plot(const std::string& name, const NoiseProfile& m, const NoiseProfile* s) {
+  Plot plot;
+  plot.name = name;
+  plot.x_label = "frames apart";
+  plot.y_label = "half mean square difference (mm\u00b2)";
+  const auto add = [&](const NoiseProfile& p, const char* label, Ink ink) {
+    Curve c{label, {}, p.time.variogram_mm2, ink, Stroke::line};
+    for (std::size_t k = 0; k < c.y.size(); ++k) c.x.push_back(k + 1.0);
+    plot.curves.push_back(c);
+    c.label.clear();
+    c.stroke = Stroke::points;
+    plot.curves.push_back(c);
+  };
+  add(m, "measured", Ink::measured);
+  if (s) add(*s, "simulated", Ink::simulated);
+  double most = 0;
+  for (const Curve& c : plot.curves) {
+    for (const double y : c.y) most = std::max(most, y);
+  }
+  plot.y_range = {{0, 1.2 * most + 1e-12}};
+  plot.x_range = {{0.5, m.time.variogram_mm2.size() + 0.5}};
+  plot.alt = "Temporal variogram: half the mean square difference of frames against how many frames they are apart.";
+  plot.caption = "How a pixel forgets: half the mean square difference of frames, over their distance in time. It is flat where successive "
+                 "frames are independent, and rises where noise lasts.";
+  return plot;
 }
 
 Table test_table(const NoiseProfile& m, const NoiseProfile* s) {
@@ -170,8 +196,8 @@ Table test_table(const NoiseProfile& m, const NoiseProfile* s) {
           {t.name, whose, "-", "-", "-", "-", "-", Cell(t.method.empty() ? "not done" : t.method, Mark::none)});
       return;
     }
-    table.rows.push_back({t.name, whose, t.statistic, t.threshold, significant(t.degrees_of_freedom),
-                          significant(t.effective_n, 4), p_text(t.p_value),
+    table.rows.push_back({t.name, whose, t.statistic, t.threshold, fmt::format("{:.0f}", t.degrees_of_freedom),
+                          fmt::format("{:.0f}", t.effective_n), p_text(t.p_value),
                           Cell(t.rejected() ? "rejected" : "stands", Mark::none)});
   };
   const auto both = [&](auto&& pick) {

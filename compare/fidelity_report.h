@@ -21,6 +21,8 @@ Plot histogram_plot(const std::string& name, const NoiseProfile& measured, const
 Plot spectrum_plot(const std::string& name, const NoiseProfile& measured, const NoiseProfile* simulated,
                    const SpectrumComparison* comparison);
 Plot autocorrelation_plot(const std::string& name, const NoiseProfile& measured, const NoiseProfile* simulated);
+/// Needs at least three frames.
+Plot variogram_plot(const std::string& name, const NoiseProfile& measured, const NoiseProfile* simulated);
 CloudFigure residual_clouds(const std::string& name, const NoiseProfile& measured, const NoiseProfile* simulated);
 Table test_table(const NoiseProfile& measured, const NoiseProfile* simulated);
 

@@ -108,6 +108,11 @@ const char* const wipe_tools =
 
 }  // namespace
 
+Cell::Cell(std::string given, Mark mark) : text(std::move(given)), mark(mark) {
+  number = !text.empty() && text.size() <= 24 && text.find_first_not_of("0123456789.eE+-<> %") == std::string::npos &&
+           text.find_first_not_of("0123456789.+-<> %") != 0;
+}
+
 Cell::Cell(double value, Mark mark) : text(significant(value)), mark(mark), number(true) {}
 
 std::string significant(double value, int digits) {

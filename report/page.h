@@ -25,8 +25,9 @@ namespace binrig {
 enum class Mark { none, good, bad, open };
 
 struct Cell {
-  Cell(std::string text, Mark mark = Mark::none) : text(std::move(text)), mark(mark) {}  // NOLINT: implicit on purpose
-  Cell(const char* text, Mark mark = Mark::none) : text(text), mark(mark) {}             // NOLINT
+  /// Text that is a number with at most a sign, "<" or "%" about it ("< 1e-12", "-3.2 %", "-") is set as one.
+  Cell(std::string text, Mark mark = Mark::none);                                          // NOLINT: implicit on purpose
+  Cell(const char* text, Mark mark = Mark::none) : Cell(std::string(text), mark) {}        // NOLINT
   /// Three significant digits.
   Cell(double value, Mark mark = Mark::none);                                                         // NOLINT
   Cell(int value, Mark mark = Mark::none) : text(std::to_string(value)), mark(mark), number(true) {}  // NOLINT

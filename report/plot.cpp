@@ -101,8 +101,7 @@ std::string script(const Plot& plot, const std::string& output) {
   text +=
       "set border 3 lc rgb '#6b7280' lw 0.8\nset tics nomirror out scale 0.6 tc rgb '#374151'\n"
       "set grid lc rgb '#e3e6eb' lt 1 lw 0.6\nset style fill transparent solid 0.20 noborder\n";
-  text += fmt::format("set key {} top samplen 2 spacing 1.15 tc rgb '#1f2937' box lc rgb '#ffffff' opaque\n",
-                      plot.key_at_left ? "left" : "right");
+  text += "set key above left Left reverse horizontal samplen 2 spacing 1.1 maxrows 2 tc rgb '#1f2937'\n";
   text += fmt::format("set xlabel {} tc rgb '#1f2937'\nset ylabel {} tc rgb '#1f2937'\n", quoted(plot.x_label),
                       quoted(plot.y_label));
   if (!plot.title.empty()) text += fmt::format("set title {} tc rgb '#111827'\n", quoted(plot.title));

@@ -52,7 +52,6 @@ struct Plot {
   std::vector<Curve> curves;
   std::vector<Rule> rules;
   int width_px = 520, height_px = 340;
-  bool key_at_left = false;
 };
 
 /// Draws with gnuplot. On a logarithmic axis points that are not positive are left out, as are points that are not

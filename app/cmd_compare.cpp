@@ -1,0 +1,242 @@
+// binrig compare: measured frames beside simulated ones, in a report.
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <mutex>
+
+#include <fmt/format.h>
+#include <yaml-cpp/yaml.h>
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "app/commands.h"
+#include "app/forward.h"
+#include "calib/plane_fit.h"
+#include "compare/fidelity_report.h"
+#include "core/error.h"
+#include "core/parallel.h"
+#include "core/progress.h"
+#include "core/recording_writer.h"
+#include "core/yaml.h"
+#include "sim/effect.h"
+
+namespace binrig {
+namespace {
+
+struct CompareOptions {
+  std::string measured, model, simulated, out, require;
+  std::vector<std::string> captures;
+  int detailed = 3;
+  CommonOptions common;
+};
+
+FrameStream stream_of(const CaptureReader& capture) {
+  return [capture](const FrameSink& sink) {
+    for (int i = 0; i < capture.size(); ++i) sink(capture.frame(i), i);
+  };
+}
+
+/// The flat part that all frames of a plane capture see. Empty where the set does not mark it.
+cv::Mat marked_region(const CaptureReader& capture) {
+  cv::Mat region;
+  for (int i = 0; i < capture.size(); ++i) {
+    const Frame frame = capture.frame(i);
+    if (frame.ids.empty()) continue;
+    const cv::Mat own = frame.ids == 1;
+    region = region.empty() ? own : cv::Mat(region & own);
+  }
+  return region;
+}
+
+/// What the comparison simulates with; either a model over the measured set's captures or another set.
+struct Simulated {
+  Forward forward;
+  SensorModel model;
+  std::optional<RecordingSet> set;
+  std::uint64_t seed = 1;
+
+  int index(const std::string& key) const {
+    const auto& all = forward.model->captures();
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      if (all[i].key() == key) return static_cast<int>(i);
+    }
+    return -1;
+  }
+  FrameStream stream(const std::string& key) const {
+    if (set) return stream_of(set->capture(key));
+    const int capture = index(key);
+    return [this, capture](const FrameSink& sink) {
+      SimulationRequest request;
+      request.capture = capture;
+      request.model = &model;
+      request.seed = seed;
+      forward.model->simulate(request, sink);
+    };
+  }
+};
+
+PlaneCapture measured_plane(const RecordingSet& set, const CaptureReader& capture, const Simulated& simulated,
+                            const std::string& key) {
+  PlaneCapture out;
+  const Frame first = capture.frame(0);
+  out.name = key + (capture.info().name.empty() ? "" : " " + capture.info().name);
+  out.camera = first.camera;
+  out.frames = stream_of(capture);
+  if (const auto projector = set.info().sensor.projector())
+    out.focal_baseline_px_mm = out.camera.fx * std::abs(projector->x());
+  const PixelRays rays(out.camera);
+  cv::Mat region = set.info().region_masks ? marked_region(capture) : cv::Mat();
+  const Frame header = capture.header(0);
+  cv::Mat surface = first.depth_mm;
+  if (!simulated.set) {
+    const auto perfect = simulated.forward.model->perfect(simulated.index(key), 0, Offset{},
+                                                          static_cast<ChannelSet>(Channel::depth), simulated.model);
+    const bool posed = header.objects && !header.objects->empty();
+    out.target.independent = posed && !set.info().poses_fitted_to_this_depth;
+    if (region.empty() && posed) {
+      // Three pixels inside the target's rim, where neither flying pixels nor a pose error of a pixel matter.
+      cv::erode(perfect->depth_mm > 0, region, cv::Mat::ones(7, 7, CV_8U));
+    }
+    if (region.empty()) region = fit_plane(first.depth_mm, rays).region;
+    surface = perfect->depth_mm;
+  }
+  const PlaneFit fit = fit_plane(surface, rays, region);
+  out.target.normal = fit.normal;
+  out.target.offset_mm = fit.offset_mm;
+  out.target.region = fit.region;
+  return out;
+}
+
+std::map<std::string, double> read_limits(const std::string& path) {
+  Violations violations;
+  YamlMap map(load_yaml_file(path), path, "", violations);
+  std::map<std::string, double> limits;
+  for (const auto& key : map.keys()) {
+    if (const auto value = map.number(key, 0, 1e9, "")) limits[key] = *value;
+  }
+  map.finish();
+  violations.throw_if_any("limits cannot be read");
+  if (limits.empty()) throw Error(path + " holds no limit");
+  return limits;
+}
+
+Fidelity compare_planes(const RecordingSet& set, const Simulated& simulated, const std::vector<CaptureInfo>& planes) {
+  std::vector<CaptureFidelity> results(planes.size());
+  Progress progress("comparing captures", static_cast<std::int64_t>(planes.size()));
+  parallel_for(static_cast<int>(planes.size()), [&](int i) {
+    const std::string key = planes[i].key();
+    const CaptureReader capture = set.capture(key);
+    const PlaneCapture measured = measured_plane(set, capture, simulated, key);
+    PlaneCapture other = measured;
+    other.frames = simulated.stream(key);
+    results[i] = compare_profiles(noise_profile(measured), noise_profile(other), key, planes[i].split == "test");
+    progress.advance();
+  });
+  return judge(std::move(results));
+}
+
+int compare(const CompareOptions& options) {
+  apply(options.common);
+  const RecordingSet set = RecordingSet::open(options.measured);
+  std::map<std::string, double> limits;
+  if (!options.require.empty()) limits = read_limits(options.require);
+  for (const auto& key : options.captures) set.capture(key);  // throws, listing those there are
+
+  Simulated simulated;
+  simulated.seed = options.common.seed;
+  std::vector<std::string> notes;
+  if (!options.simulated.empty()) {
+    simulated.set = RecordingSet::open(options.simulated);
+  } else {
+    simulated.model = read_sensor_model(options.model, effect_catalogue());
+    ForwardOptions forward;
+    forward.captures = options.captures;
+    simulated.forward = open_forward_model(options.measured, forward);
+    notes = simulated.forward.notes;
+    for (const auto& [id, why] : simulated.forward.model->inactive(simulated.model))
+      notes.push_back(id + " does not act here: " + why);
+  }
+
+  std::vector<CaptureInfo> planes;
+  const auto wanted = [&](const CaptureInfo& info) {
+    return options.captures.empty() ||
+           std::find(options.captures.begin(), options.captures.end(), info.key()) != options.captures.end();
+  };
+  for (const CaptureInfo& info : set.captures()) {
+    if (!wanted(info)) continue;
+    const CaptureReader capture = set.capture(info.key());
+    if (!capture.has_depth() || capture.size() == 0) {
+      notes.push_back(info.key() + " has no depth and was left out");
+    } else if (!simulated.set && simulated.index(info.key()) < 0) {
+      notes.push_back(info.key() + " cannot be simulated and was left out");
+    } else if (info.target == TargetKind::plane) {
+      planes.push_back(info);
+    }
+  }
+  if (planes.empty())
+    throw Error("nothing to compare in " + options.measured + (notes.empty() ? "" : ": " + notes.front()));
+  const Fidelity fidelity = compare_planes(set, simulated, planes);
+  const auto broken = broken_limits(fidelity, limits);
+
+  const std::string name = simulated.set ? options.simulated : simulated.model.name;
+  nlohmann::json json{
+      {"measured", options.measured}, {"simulated", options.simulated.empty() ? options.model : options.simulated},
+      {"seed", options.common.seed},  {"notes", notes},
+      {"broken_limits", broken},      {"planes", fidelity_json(fidelity)}};
+  Page page("Fidelity of " + name, "Measured and simulated frames through the same statistics");
+  page.fact("measured", std::filesystem::path(options.measured).filename().string() +
+                            (set.info().sensor.name.empty() ? "" : " (" + set.info().sensor.name + ")"));
+  page.fact("simulated", simulated.set ? options.simulated : options.model);
+  page.fact("captures", fmt::format("{} of planes", planes.size()));
+  page.fact("seed", std::to_string(options.common.seed));
+  draw_verdict(page, fidelity);
+  if (!broken.empty())
+    page.verdict(Mark::bad, fmt::format("{} of the limits asked for are not kept.", broken.size()), broken);
+  if (std::none_of(planes.begin(), planes.end(), [](const CaptureInfo& c) { return c.split == "test"; })) {
+    page.note(
+        "This recording has no test captures: nothing here is held out, so a model fitted to it is judged on what it "
+        "was fitted to.");
+  }
+  draw_fidelity(page, fidelity, options.detailed);
+  if (!notes.empty()) {
+    page.section("Notes");
+    page.list(notes);
+  }
+  const std::string path = page.write(options.out);
+  write_file_atomically((std::filesystem::path(options.out) / "report.json").string(), json.dump(1));
+  if (options.common.json) {
+    fmt::print("{}\n", json.dump(1));
+  } else {
+    fmt::print("{}\n", fidelity.headline);
+    for (const auto& reason : fidelity.reasons) fmt::print("  {}\n", reason);
+    for (const auto& limit : broken) fmt::print("limit not kept: {}\n", limit);
+    fmt::print("{}\n", path);
+  }
+  return broken.empty() ? 0 : 1;
+}
+
+}  // namespace
+
+void add_compare(CLI::App& app, int& status) {
+  auto options = std::make_shared<CompareOptions>();
+  CLI::App* verb = app.add_subcommand("compare", "measured frames beside simulated ones: what agrees, what does not");
+  verb->add_option("--measured", options->measured, "the recording set")->required();
+  CLI::Option* model = verb->add_option("--model", options->model, "sensor model that simulates the set's captures");
+  CLI::Option* other =
+      verb->add_option("--simulated", options->simulated, "recording set with the same captures, simulated elsewhere");
+  model->excludes(other);
+  verb->add_option("--out", options->out, "folder for report.html, its pictures and report.json")->required();
+  verb->add_option("--capture", options->captures, "only these captures (train/1)");
+  verb->add_option("--require", options->require,
+                   "YAML of limits (aspect: largest difference); exit status 1 if one is not kept");
+  verb->add_option("--detailed", options->detailed, "how many captures are drawn in full")->check(CLI::Range(0, 1000));
+  add_common_options(*verb, options->common);
+  verb->callback([options, &status] {
+    if (options->model.empty() && options->simulated.empty())
+      throw Error("compare needs --model M.yaml or --simulated SET");
+    status = compare(*options);
+  });
+}
+
+}  // namespace binrig
