@@ -92,7 +92,7 @@ PlaneCapture measured_plane(const RecordingSet& set, const CaptureReader& captur
   if (!simulated.set) {
     const auto perfect = simulated.forward.model->perfect(simulated.index(key), 0, Offset{},
                                                           static_cast<ChannelSet>(Channel::depth), simulated.model);
-    const bool posed = header.objects && !header.objects->empty();
+    const bool posed = header.objects && !header.objects->empty() && !set.models().empty();
     out.target.independent = posed && !set.info().poses_fitted_to_this_depth;
     if (region.empty() && posed) {
       // Three pixels inside the target's rim, where neither flying pixels nor a pose error of a pixel matter.

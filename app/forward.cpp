@@ -36,7 +36,8 @@ std::vector<ScenePlane> planes_of_target(const CaptureReader& capture, bool regi
     nearest = std::min(nearest, fit.distance_mm);
     farthest = std::max(farthest, fit.distance_mm);
   }
-  note = fmt::format("{}: no pose; a plane was fitted to each frame ({:.1f} .. {:.1f} mm)", capture.info().key(), nearest, farthest);
+  note = fmt::format("{}: no pose; a plane was fitted to each frame ({:.1f} .. {:.1f} mm)", capture.info().key(),
+                     nearest, farthest);
   return planes;
 }
 
@@ -72,7 +73,8 @@ SceneObject table_object(const PlaneFit& fit, const Camera& camera, const cv::Ma
 }
 
 // The table under posed objects: the largest flat region of what the meshes do not explain.
-std::vector<SceneObject> table_of_scene(const CaptureReader& capture, const SceneForwardModel& meshes, int index, std::string& note) {
+std::vector<SceneObject> table_of_scene(const CaptureReader& capture, const SceneForwardModel& meshes, int index,
+                                        std::string& note) {
   const Frame frame = capture.frame(0);
   const SensorModel perfect = parse_sensor_model("name: perfect\n", "perfect", effect_catalogue());
   const auto channels = meshes.perfect(index, 0, Offset{}, static_cast<ChannelSet>(Channel::depth), perfect);
@@ -91,11 +93,13 @@ std::vector<SceneObject> table_of_scene(const CaptureReader& capture, const Scen
   const PixelRays rays(frame.camera);
   try {
     const PlaneFit fit = fit_plane(unexplained, rays, near_objects);
-    note = fmt::format("{}: {:.0f} % of the surface has no mesh; a plane was fitted to what surrounds the objects (RMS {:.2f} mm)",
-                       capture.info().key(), share, fit.rms_orthogonal_mm);
+    note = fmt::format(
+        "{}: {:.0f} % of the surface has no mesh; a plane was fitted to what surrounds the objects (RMS {:.2f} mm)",
+        capture.info().key(), share, fit.rms_orthogonal_mm);
     return {table_object(fit, frame.camera, on_plane(unexplained, fit, rays), object)};
   } catch (const Error& problem) {
-    note = fmt::format("{}: {:.0f} % of the surface has no mesh, and no plane fits what surrounds the objects", capture.info().key(), share);
+    note = fmt::format("{}: {:.0f} % of the surface has no mesh, and no plane fits what surrounds the objects",
+                       capture.info().key(), share);
     return {};
   }
 }
@@ -110,7 +114,8 @@ std::vector<SceneObject> boxes_of_scene(const CaptureReader& capture, std::strin
   }
   const PixelRays rays(frame.camera);
   const PlaneFit table = fit_plane(frame.depth_mm, rays, frame.ids == 1);
-  objects.push_back(table_object(table, frame.camera, on_plane(frame.depth_mm, table, rays) & (frame.ids == 1), frame.ids > 1));
+  objects.push_back(
+      table_object(table, frame.camera, on_plane(frame.depth_mm, table, rays) & (frame.ids == 1), frame.ids > 1));
   double labels = 0;
   cv::minMaxLoc(frame.ids, nullptr, &labels);
   std::string boxes;
@@ -128,14 +133,17 @@ std::vector<SceneObject> boxes_of_scene(const CaptureReader& capture, std::strin
     boxes += fmt::format("{}{:.0f} x {:.0f} x {:.0f} mm (RMS {:.1f})", boxes.empty() ? "" : ", ", box.size_mm.x(),
                          box.size_mm.y(), box.size_mm.z(), box.rms_mm);
   }
-  note = fmt::format("{}: no meshes; a plane (RMS {:.2f} mm) and boxes were fitted to its labels: {}", capture.info().key(),
-                     table.rms_orthogonal_mm, boxes);
+  note = fmt::format("{}: no meshes; a plane (RMS {:.2f} mm) and boxes were fitted to its labels: {}",
+                     capture.info().key(), table.rms_orthogonal_mm, boxes);
   return objects;
 }
 
 bool has_poses(const CaptureReader& capture) {
-  const Frame header = capture.header(0);
-  return header.objects && !header.objects->empty();
+  for (int i = 0; i < capture.size(); ++i) {  // a capture with poses for some frames only is simulated like one without
+    const Frame header = capture.header(i);
+    if (!header.objects || header.objects->empty()) return false;
+  }
+  return true;
 }
 
 }  // namespace

@@ -181,8 +181,10 @@ Plot variogram_plot(const std::string& name, const NoiseProfile& m, const NoiseP
   plot.y_range = {{0, 1.2 * most + 1e-12}};
   plot.x_range = {{0.5, m.time.variogram_mm2.size() + 0.5}};
   plot.alt = "Temporal variogram: half the mean square difference of frames against how many frames they are apart.";
-  plot.caption = "How a pixel forgets: half the mean square difference of frames, over their distance in time. It is flat where successive "
-                 "frames are independent, and rises where noise lasts.";
+  plot.caption =
+      "How a pixel forgets: half the mean square difference of frames, over their distance in time. It is flat where "
+      "successive "
+      "frames are independent, and rises where noise lasts.";
   return plot;
 }
 

@@ -173,7 +173,7 @@ Table metrics_table(const CaptureFidelity& c) {
   return table;
 }
 
-void draw_capture(Page& page, const CaptureFidelity& c, const std::string& prefix) {
+void draw_capture(Page& page, const CaptureFidelity& c, const std::string& prefix, bool several) {
   std::string slug = c.capture;
   std::replace(slug.begin(), slug.end(), '/', '_');
   const std::string p = prefix + slug + "_";
@@ -186,15 +186,17 @@ void draw_capture(Page& page, const CaptureFidelity& c, const std::string& prefi
         "spatial residual, an "
         "upper bound for the noise. The simulated frame is read in the same way.");
   }
-  if (c.measured.quantisation.found && c.measured.quantisation.step_mm > 0.5 * c.measured.sigma_mm.value) {
-    page.note(
-        fmt::format("The values come in steps of {:.3g} mm, {:.1f} times the noise's standard deviation: tests of the "
-                    "distribution see "
-                    "the steps.",
-                    c.measured.quantisation.step_mm, c.measured.quantisation.step_mm / c.measured.sigma_mm.value));
+  const double step = std::max(c.measured.quantisation.step_mm, c.simulated.quantisation.step_mm);
+  if (step > 0.5 * std::min(c.measured.sigma_mm.value, c.simulated.sigma_mm.value)) {
+    page.note(fmt::format(
+        "Values come in steps of {:.3g} mm, while the noise's standard deviation is {:.3g} mm (measured) and {:.3g} mm "
+        "(simulated): tests of the distribution see the steps.",
+        step, c.measured.sigma_mm.value, c.simulated.sigma_mm.value));
   }
-  page.table(aspect_table(
-      c.aspects, "What was asked of this capture. p-values are Holm-corrected over everything asked in this report."));
+  if (several)
+    page.table(aspect_table(
+        c.aspects,
+        "What was asked of this capture. p-values are Holm-corrected over everything asked in this report."));
 
   auto depth =
       pair_of(p + "depth", "mm", c, &NoiseProfile::first_depth_mm, &NoiseProfile::first_valid, ColourScale::sequential);
@@ -207,9 +209,11 @@ void draw_capture(Page& page, const CaptureFidelity& c, const std::string& prefi
   residual.caption = "Departure of the first frame from its plane, both at the same colour scale.";
   page.figure(residual);
   page.figure(residual_clouds(p + "cloud", c.measured, &c.simulated));
-  page.figures({draw(histogram_plot(p + "histogram", c.measured, &c.simulated)),
-                draw(spectrum_plot(p + "spectrum", c.measured, &c.simulated, &c.spectrum)),
-                draw(autocorrelation_plot(p + "autocorrelation", c.measured, &c.simulated))});
+  std::vector<Picture> curves{draw(histogram_plot(p + "histogram", c.measured, &c.simulated)),
+                              draw(spectrum_plot(p + "spectrum", c.measured, &c.simulated, &c.spectrum)),
+                              draw(autocorrelation_plot(p + "autocorrelation", c.measured, &c.simulated))};
+  if (c.measured.frames > 2) curves.push_back(draw(variogram_plot(p + "variogram", c.measured, &c.simulated)));
+  page.figures(curves);
   page.figure(density_maps(p + "spectrum_2d", c));
   if (c.measured.temporal) {
     auto bias = pair_of(p + "bias", "mm", c, &NoiseProfile::bias_mm, &NoiseProfile::bias_known, ColourScale::diverging);
@@ -256,6 +260,13 @@ void draw_capture(Page& page, const CaptureFidelity& c, const std::string& prefi
   }
   page.table(metrics_table(c));
   page.table(test_table(c.measured, &c.simulated));
+  if (c.measured.white.rejected()) {
+    page.text(fmt::format(
+        "Independent Gaussian noise for every pixel, the usual simulation, cannot make these frames: that the measured "
+        "pixels are independent is rejected with p {} (statistic {} against a threshold of {}).",
+        p_text(c.measured.white.p_value), significant(c.measured.white.statistic),
+        significant(c.measured.white.threshold)));
+  }
 }
 
 }  // namespace
@@ -306,7 +317,7 @@ void draw_fidelity(Page& page, const Fidelity& f, int detailed, const std::strin
     }
     page.table(table);
   }
-  for (const CaptureFidelity* c : chosen(f, detailed)) draw_capture(page, *c, prefix);
+  for (const CaptureFidelity* c : chosen(f, detailed)) draw_capture(page, *c, prefix, f.captures.size() > 1);
 }
 
 }  // namespace binrig

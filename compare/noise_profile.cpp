@@ -12,7 +12,18 @@ namespace binrig {
 
 namespace {
 
-constexpr int cell_px = 24;
+/// Cells large enough for about 40 effective samples each, so that the logarithm of their variance is nearly normal.
+int cell_side(const cv::Mat& covariance, const cv::Size& box, int frames) {
+  const int middle = covariance.rows / 2;
+  const double variance = covariance.at<double>(middle, middle);
+  double lags = 0;
+  for (int i = 0; i < covariance.rows * covariance.cols && variance > 0; ++i) {
+    const double rho = covariance.at<double>(i / covariance.cols, i % covariance.cols) / variance;
+    if (std::abs(rho) > 0.05) lags += rho * rho;
+  }
+  const int wanted = static_cast<int>(std::ceil(std::sqrt(40 * std::max(1.0, lags) / std::min(frames, 40))));
+  return std::clamp(wanted, 16, std::max(16, std::min(box.width, box.height) / 4));
+}
 
 /// The frame's temporal residual: departure from the pixel's mean, brought to full variance.
 ResidualFrame temporal_residual(const ResidualFrame& frame, const cv::Mat& mean, const cv::Mat& known,
@@ -91,7 +102,7 @@ NoiseProfile noise_profile(const PlaneCapture& capture) {
 
   const int max_lag = suitable_max_lag(out.box.size());
   out.autocovariance = std::make_shared<Autocovariance>(max_lag);
-  CellVariance cells(out.box.size(), cell_px);
+  std::unique_ptr<CellVariance> cells;
   SampleStore normal_sample, comparison_sample;
   std::unique_ptr<Marginal> marginal;
   const cv::Mat& mean = out.bias_mm;
@@ -104,10 +115,12 @@ NoiseProfile noise_profile(const PlaneCapture& capture) {
     if (!marginal) {
       // The first frame settles the histogram's scale and how far apart pixels are independent.
       marginal = std::make_unique<Marginal>(std::max(1e-6, deviation(residual, valid)));
-      out.spacing = thinning(out.autocovariance->covariance(), out.autocovariance->pairs());
+      const cv::Mat covariance = out.autocovariance->covariance();
+      out.spacing = thinning(covariance, out.autocovariance->pairs());
+      cells = std::make_unique<CellVariance>(out.box.size(), cell_side(covariance, out.box.size(), out.frames));
     }
     marginal->add(residual, valid);
-    cells.add(residual, valid);
+    cells->add(residual, valid);
     normal_sample.add(residual, valid, out.spacing.for_normality);
     comparison_sample.add(residual, valid, out.spacing.for_comparison);
   });
@@ -126,7 +139,7 @@ NoiseProfile noise_profile(const PlaneCapture& capture) {
   out.correlation_length_px = estimates[1];
   out.white = whiteness(out.covariance, pairs);
   out.lines = row_column_noise(*out.autocovariance);
-  out.stationarity = cells.finish(out.covariance, out.marginal.excess_kurtosis, plane.plane_mm()(out.box));
+  out.stationarity = cells->finish(out.covariance, out.marginal.excess_kurtosis, plane.plane_mm()(out.box));
 
   Autocovariance bias(max_lag);
   bias.add(out.bias_mm(out.box), out.bias_known(out.box));

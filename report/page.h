@@ -26,8 +26,8 @@ enum class Mark { none, good, bad, open };
 
 struct Cell {
   /// Text that is a number with at most a sign, "<" or "%" about it ("< 1e-12", "-3.2 %", "-") is set as one.
-  Cell(std::string text, Mark mark = Mark::none);                                          // NOLINT: implicit on purpose
-  Cell(const char* text, Mark mark = Mark::none) : Cell(std::string(text), mark) {}        // NOLINT
+  Cell(std::string text, Mark mark = Mark::none);                                    // NOLINT: implicit on purpose
+  Cell(const char* text, Mark mark = Mark::none) : Cell(std::string(text), mark) {}  // NOLINT
   /// Three significant digits.
   Cell(double value, Mark mark = Mark::none);                                                         // NOLINT
   Cell(int value, Mark mark = Mark::none) : text(std::to_string(value)), mark(mark), number(true) {}  // NOLINT
