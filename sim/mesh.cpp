@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <unordered_map>
 
 #include <assimp/config.h>
@@ -100,6 +101,16 @@ void gather(const aiScene& scene, const aiNode& node, const aiMatrix4x4& X_paren
   }
 }
 
+// Assimp's PLY reader loops for ever on a header without an end.
+bool is_endless_ply(const std::string& path, const std::string& ending) {
+  if (ending != ".ply") return false;
+  std::ifstream file(path, std::ios::binary);
+  std::string head(1 << 16, '\0');
+  file.read(head.data(), static_cast<std::streamsize>(head.size()));
+  head.resize(static_cast<std::size_t>(file.gcount()));
+  return head.find("end_header\n") == std::string::npos && head.find("end_header\r") == std::string::npos;
+}
+
 [[noreturn]] void refuse(const std::string& path, const std::string& message) {
   Violations violations;
   violations.add(path, "", message);
@@ -126,6 +137,9 @@ std::uint64_t hash_of(const Mesh& mesh) {
 
 std::shared_ptr<const Mesh> load_mesh(const std::string& path, LengthUnit unit) {
   if (!std::filesystem::is_regular_file(path)) refuse(path, "there is no such file");
+  std::string ending = std::filesystem::path(path).extension().string();
+  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return std::tolower(c); });
+  if (is_endless_ply(path, ending)) refuse(path, "cannot be read: its PLY header has no end");
   Assimp::Importer importer;
   importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
   importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);  // O is the file's own frame
@@ -140,8 +154,6 @@ std::shared_ptr<const Mesh> load_mesh(const std::string& path, LengthUnit unit) 
   }
   Builder builder;
   std::size_t bad_vertices = 0;
-  std::string ending = std::filesystem::path(path).extension().string();
-  std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return std::tolower(c); });
   // A COLLADA file states its unit, and Assimp turns it into metres.
   const double scale = mm_per(ending == ".dae" ? LengthUnit::m : unit);
   gather(*scene, *scene->mRootNode, aiMatrix4x4(), scale, builder, bad_vertices);

@@ -29,6 +29,7 @@ constexpr int largest_raster = 8192;
 constexpr float near_mm = 0.01f;          // reversed depth: a near plane this near costs no precision
 constexpr double lens_oversampling = 2;   // raster pixels per pixel of a distorted camera
 constexpr double map_oversampling = 1.5;  // texels of the shadow map per camera pixel
+constexpr double beyond_triangle_mm = 1;
 constexpr int band_rows = 8;
 
 const char* const vertex_shader = R"(#version 450 core
@@ -206,14 +207,15 @@ class LitTriangle {
     const double slack = 1e-9 * (std::abs(a) + std::abs(b) + std::abs(c));
     return (a >= -slack && b >= -slack && c >= -slack) || (a <= slack && b <= slack && c <= slack);
   }
-  /// Where the ray t d meets the triangle's plane, kept to the triangle's extent along the ray.
+  /// Where the ray t d meets the triangle's plane, kept to the triangle's extent along the ray and a little more.
   double reach(const Vector3& d) const {
     const double across = d.dot(sides_[0] + sides_[1] + sides_[2]);
     const double along[3] = {d.dot(corners_[0]), d.dot(corners_[1]), d.dot(corners_[2])};
     const double scale = 1 / d.squaredNorm();
     const double low = std::min({along[0], along[1], along[2]}) * scale;
     const double high = std::max({along[0], along[1], along[2]}) * scale;
-    return across != 0 ? std::clamp(volume_ / across, low, high) : low;
+    const double slack = high - low + beyond_triangle_mm * std::sqrt(scale);
+    return across != 0 ? std::clamp(volume_ / across, low - slack, high + slack) : low;
   }
 
  private:
@@ -227,17 +229,15 @@ class Rasterising final : public Visibility {
 
   FirstHits first_hits(const cv::Mat& rays) override {
     FirstHits hits{cv::Mat(rays.size(), CV_16U), cv::Mat(rays.size(), CV_32S)};
-    const Raster raster = camera_.distorted() ? around(rays) : of(camera_);
+    const Raster raster = camera_.distorted() ? raster_around(rays) : raster_of(camera_);
     const Picture picture = Rasteriser::instance().draw(scene_, Pose::Identity(), raster);
     for_rows(rays.rows, [&](int row) {
       const auto* ray = rays.ptr<cv::Vec2f>(row);
       auto* object = hits.object.ptr<std::uint16_t>(row);
       auto* triangle = hits.triangle.ptr<std::int32_t>(row);
-      const auto* same_row = camera_.distorted() ? nullptr : picture.seen.ptr<cv::Vec2i>(row);
+      PlacedCache placed;
       for (int col = 0; col < rays.cols; ++col) {
-        const cv::Vec2i seen = same_row ? same_row[col]
-                                        : picture.at(nearest(ray[col][1], raster.y0, raster.dy, raster.height),
-                                                     nearest(ray[col][0], raster.x0, raster.dx, raster.width));
+        const cv::Vec2i seen = camera_.distorted() ? met_along(picture, ray[col], placed) : picture.at(row, col);
         object[col] = static_cast<std::uint16_t>(seen[0]);
         triangle[col] = seen[0] != 0 ? seen[1] : -1;
       }
@@ -255,16 +255,57 @@ class Rasterising final : public Visibility {
   }
 
  private:
-  static int nearest(double x, double x0, double dx, int count) {
-    return std::clamp(static_cast<int>(std::lround((x - x0) / dx)), 0, count - 1);
+  /// The triangle asked for last; neighbouring pixels ask for the same one.
+  struct PlacedCache {
+    cv::Vec2i seen{0, -1};
+    LitTriangle triangle;
+  };
+  const LitTriangle& placed_in(PlacedCache& cache, const cv::Vec2i& seen, const Vector3& light) const {
+    if (seen != cache.seen) {
+      cache.seen = seen;
+      cache.triangle = LitTriangle(scene_.objects[static_cast<std::size_t>(seen[0] - 1)],
+                                   static_cast<std::uint32_t>(seen[1]), light);
+    }
+    return cache.triangle;
   }
 
-  static Raster of(const Camera& camera) {
+  /// The four raster pixels around a direction; the nearest comes first.
+  static std::array<cv::Vec2i, 4> around(const Picture& picture, double x, double y) {
+    const Raster& r = picture.raster;
+    const double i = (x - r.x0) / r.dx, j = (y - r.y0) / r.dy;
+    const int left = std::clamp(static_cast<int>(i), 0, r.width - 2),
+              top = std::clamp(static_cast<int>(j), 0, r.height - 2);
+    const int near_x = i - left > 0.5, near_y = j - top > 0.5;
+    return {picture.at(top + near_y, left + near_x), picture.at(top + near_y, left + 1 - near_x),
+            picture.at(top + 1 - near_y, left + near_x), picture.at(top + 1 - near_y, left + 1 - near_x)};
+  }
+
+  /// Which of the triangles seen around the exact ray of a distorted camera it goes through first; where it goes
+  /// through none of them (they are smaller than a raster pixel), the nearest pixel's.
+  cv::Vec2i met_along(const Picture& picture, const cv::Vec2f& ray, PlacedCache& placed) const {
+    const std::array<cv::Vec2i, 4> seen = around(picture, ray[0], ray[1]);
+    const Vector3 d(ray[0], ray[1], 1);
+    cv::Vec2i best = seen[0];
+    double nearest = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < 4; ++k) {
+      if (seen[k][0] == 0 || (k > 0 && seen[k] == seen[k - 1])) continue;
+      const LitTriangle& triangle = placed_in(placed, seen[k], Vector3::Zero());
+      if (!triangle.meets(d)) continue;
+      const double z = triangle.reach(d);
+      if (z < nearest) {
+        nearest = z;
+        best = seen[k];
+      }
+    }
+    return best;
+  }
+
+  static Raster raster_of(const Camera& camera) {
     return {camera.width, camera.height, -camera.cx / camera.fx, -camera.cy / camera.fy, 1 / camera.fx, 1 / camera.fy};
   }
 
   // A finer pinhole picture around all rays of a distorted camera.
-  Raster around(const cv::Mat& rays) const {
+  Raster raster_around(const cv::Mat& rays) const {
     cv::Mat planes[2];
     cv::split(rays, planes);
     double x_min, x_max, y_min, y_max;
@@ -356,42 +397,31 @@ class Rasterising final : public Visibility {
     X_LC.translation() = -(R_LC * light);
     const Picture map = Rasteriser::instance().draw(scene_, X_LC, raster);
     for_rows(rays.rows, [&](int row) {
-      LitTriangle triangle;
-      cv::Vec2i of_triangle(0, -1);
+      PlacedCache placed;
       for (int col = 0; col < rays.cols; ++col) {
         if (depth_mm.at<float>(row, col) <= 0.f) continue;
         const Vector3 p = point(row, col);
         const Vector3 p_L = R_LC * p;
         if (!on_face(p_L)) continue;
         const cv::Vec2i own(hits.object.at<std::uint16_t>(row, col), hits.triangle.at<std::int32_t>(row, col));
-        gap.at<float>(row, col) = point_gap(map, p_L, p, own, light, triangle, of_triangle);
+        const std::array<cv::Vec2i, 4> seen = around(map, p_L.x() / p_L.z(), p_L.y() / p_L.z());
+        gap.at<float>(row, col) = point_gap(seen, p, own, light, placed);
       }
     });
   }
 
-  float point_gap(const Picture& map, const Vector3& p_L, const Vector3& p, const cv::Vec2i& own, const Vector3& light,
-                  LitTriangle& triangle, cv::Vec2i& of_triangle) const {
-    const Raster& r = map.raster;
-    const double x = (p_L.x() / p_L.z() - r.x0) / r.dx, y = (p_L.y() / p_L.z() - r.y0) / r.dy;
-    const int left = std::clamp(static_cast<int>(x), 0, r.width - 2),
-              top = std::clamp(static_cast<int>(y), 0, r.height - 2);
-    const std::array<cv::Vec2i, 4> seen{map.at(top, left), map.at(top, left + 1), map.at(top + 1, left),
-                                        map.at(top + 1, left + 1)};
+  /// p: the point in the camera's axes, from the light.
+  float point_gap(const std::array<cv::Vec2i, 4>& seen, const Vector3& p, const cv::Vec2i& own, const Vector3& light,
+                  PlacedCache& placed) const {
     if (own[0] != 0 && seen[0] == own && seen[1] == own && seen[2] == own && seen[3] == own) return 0.f;
     const double length = p.norm();
     double behind_met = -1, behind_least = std::numeric_limits<double>::infinity();
     for (std::size_t k = 0; k < 4; ++k) {
-      if (k > 0 && std::find(seen.begin(), seen.begin() + static_cast<std::ptrdiff_t>(k), seen[k]) !=
-                       seen.begin() + static_cast<std::ptrdiff_t>(k))
-        continue;
+      if (k > 0 && seen[k] == seen[k - 1]) continue;
       double behind = 0;
       bool met = false;
       if (seen[k][0] != 0) {
-        if (seen[k] != of_triangle) {
-          of_triangle = seen[k];
-          triangle = LitTriangle(scene_.objects[static_cast<std::size_t>(seen[k][0] - 1)],
-                                 static_cast<std::uint32_t>(seen[k][1]), light);
-        }
+        const LitTriangle& triangle = placed_in(placed, seen[k], light);
         met = triangle.meets(p);
         behind = std::max(0.0, length * (1 - triangle.reach(p)));
       }

@@ -16,6 +16,7 @@ namespace binrig {
 namespace {
 constexpr int band_rows = 8;
 constexpr double nearest_mm = 1e-3;
+constexpr double beyond_triangle_mm = 1;
 
 void for_bands(int rows, const std::function<void(int)>& row_body) {
   parallel_for((rows + band_rows - 1) / band_rows, [&](int band) {
@@ -278,6 +279,10 @@ PlacedTriangle placed_triangle(const SceneObject& object, std::uint32_t triangle
   placed.offset_mm = placed.normal.dot(a);
   placed.z_min_mm = std::min({a.z(), b.z(), c.z()});
   placed.z_max_mm = std::max({a.z(), b.z(), c.z()});
+  // A rasteriser may name the neighbour of the triangle that the exact ray meets: its plane holds a little beyond it.
+  const double slack = placed.z_max_mm - placed.z_min_mm + beyond_triangle_mm;
+  placed.z_min_mm -= slack;
+  placed.z_max_mm += slack;
   return placed;
 }
 

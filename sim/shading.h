@@ -24,7 +24,7 @@ struct FirstHits {
 struct PlacedTriangle {
   Vector3 normal = Vector3::Zero();  ///< unit, after its winding
   double offset_mm = 0;              ///< normal . p of its plane
-  double z_min_mm = 0, z_max_mm = 0;
+  double z_min_mm = 0, z_max_mm = 0;  ///< its extent and a little more: what its plane may be asked for
 };
 PlacedTriangle placed_triangle(const SceneObject& object, std::uint32_t triangle);
 

@@ -84,6 +84,11 @@ TEST(LoadMesh, SaysWhatIsWrong) {
   using testing::HasSubstr;
   EXPECT_THAT(problem_of("nowhere.stl"), HasSubstr("no such file"));
   EXPECT_THAT(problem_of(write("broken.ply", "ply\nformat ascii 1.0\nelement vertex 3\n")), HasSubstr("broken.ply"));
+  EXPECT_THAT(problem_of(write("short.ply",
+                               "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+                               "property float z\nelement face 1\nproperty list uchar int vertex_indices\n"
+                               "end_header\n0 0 0\n30 0 0\n")),
+              HasSubstr("short.ply"));
   EXPECT_THAT(problem_of(write("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n")), HasSubstr("points.obj"));
   EXPECT_THAT(problem_of(write("metres.obj", "v 0 0 0\nv 0.05 0 0\nv 0 0.05 0\nf 1 2 3\n")), HasSubstr("metres"));
   EXPECT_EQ(problem_of(write("metres.obj", "v 0 0 0\nv 0.05 0 0\nv 0 0.05 0\nf 1 2 3\n"), LengthUnit::m), "");
