@@ -5,7 +5,6 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
-#include <set>
 
 #include <fmt/format.h>
 #include <opencv2/core.hpp>
@@ -125,13 +124,14 @@ bool all_digits(const std::string& text) {
 }
 
 // Frame ids of the PNGs in a folder ("000003.png" -> 3), without masks ("000003_000000.png").
-void collect_ids(const fs::path& folder, std::set<int>& ids) {
+void collect_ids(const fs::path& folder, std::vector<int>& ids) {
   std::error_code ignored;
   for (const auto& file : fs::directory_iterator(folder, ignored)) {
     if (file.path().extension() == ".png" && all_digits(file.path().stem().string())) {
-      ids.insert(std::stoi(file.path().stem().string()));
+      ids.push_back(std::stoi(file.path().stem().string()));
     }
   }
+  std::sort(ids.begin(), ids.end());
 }
 
 std::vector<CaptureInfo> captures_by_folders(const std::string& set) {
@@ -172,9 +172,28 @@ struct CaptureReader::Data {
     int objects = -1;  // index into object_lists; -1 = unknown
     double time_s = NAN, host_time_s = NAN;
     std::int64_t sequence = 0;
-    std::string problem;  // why the header could not be read
+    int problem = -1;  // index into problems: why the header could not be read
   };
-  std::vector<Entry> entries;
+  std::vector<Entry> entries;  // by id
+  std::vector<std::string> problems;
+
+  Entry* find(int id) {
+    const auto place = std::lower_bound(entries.begin(), entries.end(), id, [](const Entry& e, int i) { return e.id < i; });
+    return place != entries.end() && place->id == id ? &*place : nullptr;
+  }
+  /// The entry of a frame, made where it is not there yet; ids mostly come in order.
+  Entry& at(int id) {
+    const auto place = std::lower_bound(entries.begin(), entries.end(), id, [](const Entry& e, int i) { return e.id < i; });
+    if (place != entries.end() && place->id == id) return *place;
+    Entry entry;
+    entry.id = id;
+    return *entries.insert(place, entry);
+  }
+  void fail(Entry& entry, const std::string& why) {
+    entry.problem = static_cast<int>(problems.size());
+    problems.push_back(why);
+  }
+
   std::vector<Frame> headers;  // without images, times and objects
   std::vector<std::vector<ObjectPose>> object_lists;
 };
@@ -202,7 +221,7 @@ bool CaptureReader::has_depth() const { return data_->has_depth; }
 
 Frame CaptureReader::header(int i) const {
   const Data::Entry& entry = data_->entries.at(i);
-  if (!entry.problem.empty()) throw Error(entry.problem);
+  if (entry.problem >= 0) throw Error(data_->problems[entry.problem]);
   Frame frame = data_->headers.at(entry.header);
   if (!std::isnan(entry.time_s)) frame.time_s = entry.time_s;
   if (!std::isnan(entry.host_time_s)) frame.host_time_s = entry.host_time_s;
@@ -386,10 +405,8 @@ CaptureReader RecordingSet::capture(const std::string& split, int id) const {
     fallback_scale = number_or(camera, "depth_scale", 0);
   }
 
-  std::map<int, CaptureReader::Data::Entry> entries;
   auto add_camera = [&](int frame_id, const json& value, const std::string& where) {
-    CaptureReader::Data::Entry entry;
-    entry.id = frame_id;
+    CaptureReader::Data::Entry& entry = data->at(frame_id);
     entry.sequence = frame_id;
     try {
       Frame header;
@@ -404,19 +421,18 @@ CaptureReader RecordingSet::capture(const std::string& split, int id) const {
       if (data->headers.empty() || !same_header(data->headers.back(), header)) data->headers.push_back(header);
       entry.header = static_cast<int>(data->headers.size()) - 1;
     } catch (const Error& problem) {
-      entry.problem = problem.what();
+      data->fail(entry, problem.what());
     }
-    entries[frame_id] = entry;
   };
   auto add_objects = [&](int frame_id, const json& value, const std::string& where) {
-    const auto entry = entries.find(frame_id);
-    if (entry == entries.end()) return;
+    CaptureReader::Data::Entry* entry = data->find(frame_id);
+    if (!entry) return;
     try {
       std::vector<ObjectPose> objects = read_objects_entry(value, where);
       if (data->object_lists.empty() || !same_objects(data->object_lists.back(), objects)) data->object_lists.push_back(objects);
-      entry->second.objects = static_cast<int>(data->object_lists.size()) - 1;
+      entry->objects = static_cast<int>(data->object_lists.size()) - 1;
     } catch (const Error& problem) {
-      entry->second.problem = problem.what();
+      data->fail(*entry, problem.what());
     }
   };
 
@@ -429,12 +445,12 @@ CaptureReader RecordingSet::capture(const std::string& split, int id) const {
       if (all_digits(key)) add_camera(std::stoi(key), value, where(cameras, key));
     });
   }
-  std::set<int> files;
+  std::vector<int> files;
   collect_ids(data->folder + "/depth", files);
   data->has_depth = fs::exists(data->folder + "/depth");
   if (files.empty()) collect_ids(data->folder + "/gray", files);
   for (int id : files) {
-    if (!entries.count(id) && !fs::exists(journal)) add_camera(id, json::object(), where(cameras, std::to_string(id)));
+    if (!data->find(id) && !fs::exists(journal)) add_camera(id, json::object(), where(cameras, std::to_string(id)));
   }
   if (fs::exists(poses)) {
     for_each_member(poses, [&](const std::string& key, const json& value) {
@@ -450,7 +466,6 @@ CaptureReader RecordingSet::capture(const std::string& split, int id) const {
       if (item.contains("gt")) add_objects(id, item["gt"], where(journal, std::to_string(id)));
     }
   }
-  for (auto& [id, entry] : entries) data->entries.push_back(std::move(entry));
   if (data->info.frames == 0) data->info.frames = static_cast<int>(data->entries.size());
 
   std::error_code ignored;

@@ -20,11 +20,25 @@ namespace {
 
 struct CaptureScene {
   CaptureInfo info;
-  std::vector<Frame> headers;  // cameras, poses, times; no images
-  std::vector<double> times_s;  // since the first frame
-  bool motion = false;
+  CaptureReader reader;
+  int width = 0, height = 0;     // px, where the headers do not say
+  std::vector<int> frames;       // indices of the readable ones in the reader
+  std::vector<double> times_s;   // since the first frame
+  bool posed = false, motion = false;
   std::vector<ScenePlane> planes;
   std::vector<SceneObject> extra_objects;
+
+  int size() const { return static_cast<int>(frames.size()); }
+  /// Camera, poses, times of frame i; made when asked for, so that a long capture needs no memory.
+  Frame header(int i) const {
+    Frame header = reader.header(frames.at(i));
+    if (header.camera.width == 0) {
+      header.camera.width = width;
+      header.camera.height = height;
+    }
+    if (!posed) header.objects.reset();
+    return header;
+  }
 };
 
 ScenePlane moved(const ScenePlane& plane, const Pose& motion) {
@@ -185,53 +199,49 @@ struct SceneForwardModel::Impl {
     return mesh;
   }
 
+  void load_meshes(const CaptureInfo& info, const std::vector<ObjectPose>& objects) {
+    for (const ObjectPose& object : objects) {
+      if (meshes.count(object.obj_id)) continue;
+      const auto model = std::find_if(set.models().begin(), set.models().end(),
+                                      [&](const ModelInfo& m) { return m.obj_id == object.obj_id; });
+      if (model == set.models().end()) {
+        throw Error(fmt::format("{}: {} has an object {} that models/ does not know", set.info().path, info.key(), object.obj_id));
+      }
+      meshes[object.obj_id] = mesh_of(*model);
+    }
+  }
+
   // The capture as a scene, or nothing where it cannot be simulated.
   std::optional<CaptureScene> scene_of(const CaptureInfo& info) {
     CaptureScene scene;
     scene.info = info;
-    const CaptureReader reader = set.capture(info.key());
+    scene.reader = set.capture(info.key());
     if (const auto found = options.planes.find(info.key()); found != options.planes.end()) scene.planes = found->second;
     if (const auto found = options.objects.find(info.key()); found != options.objects.end()) scene.extra_objects = found->second;
-    std::optional<Camera> size;
-    bool posed = true;
-    for (int i = 0; i < reader.size(); ++i) {
+    scene.posed = true;
+    const double rate = set.info().sensor.frame_rate_hz.value_or(1.0);
+    std::optional<Frame> first;
+    for (int i = 0; i < scene.reader.size(); ++i) {
       Frame header;
       try {
-        header = reader.header(i);
-        if (header.camera.width == 0 && !size) size = reader.frame(i).camera;  // camera.json may not say the size
+        header = scene.reader.header(i);
+        if (header.camera.width == 0 && scene.width == 0) {  // camera.json may not say the size
+          const Camera camera = scene.reader.frame(i).camera;
+          scene.width = camera.width;
+          scene.height = camera.height;
+        }
       } catch (const Error&) {
         continue;  // a broken frame is reported by whoever reads its image
       }
-      if (header.camera.width == 0) {
-        header.camera.width = size->width;
-        header.camera.height = size->height;
-      }
-      posed &= header.objects.has_value() && !header.objects->empty();
-      scene.headers.push_back(std::move(header));
+      if (!first) first = header;
+      scene.posed &= header.objects.has_value() && !header.objects->empty();
+      scene.motion |= !same_poses(header.objects, first->objects);
+      scene.times_s.push_back(first->time_s && header.time_s ? *header.time_s - *first->time_s : scene.size() / rate);
+      scene.frames.push_back(i);
+      if (header.objects) load_meshes(info, *header.objects);
     }
-    if (scene.headers.empty() || (!posed && scene.planes.empty() && scene.extra_objects.empty())) return std::nullopt;
-    if (!posed) {
-      for (Frame& header : scene.headers) header.objects.reset();
-    } else {
-      for (const Frame& header : scene.headers) {
-        for (const ObjectPose& object : *header.objects) {
-          if (meshes.count(object.obj_id)) continue;
-          const auto model = std::find_if(set.models().begin(), set.models().end(),
-                                          [&](const ModelInfo& m) { return m.obj_id == object.obj_id; });
-          if (model == set.models().end()) {
-            throw Error(fmt::format("{}: {} has an object {} that models/ does not know", set.info().path, info.key(), object.obj_id));
-          }
-          meshes[object.obj_id] = mesh_of(*model);
-        }
-      }
-    }
-    const double rate = set.info().sensor.frame_rate_hz.value_or(1.0);
-    for (std::size_t i = 0; i < scene.headers.size(); ++i) {
-      const auto& first = scene.headers.front().time_s;
-      const auto& time = scene.headers[i].time_s;
-      scene.times_s.push_back(first && time ? *time - *first : static_cast<double>(i) / rate);
-      scene.motion |= !same_poses(scene.headers[i].objects, scene.headers.front().objects);
-    }
+    scene.motion &= scene.posed;
+    if (scene.frames.empty() || (!scene.posed && scene.planes.empty() && scene.extra_objects.empty())) return std::nullopt;
     return scene;
   }
 };
@@ -241,7 +251,7 @@ SceneForwardModel::SceneForwardModel(const RecordingSet& set, const SceneOptions
   impl_->renderer = make_renderer(options.renderer);
   for (const CaptureInfo& info : set.captures()) {
     if (auto scene = impl_->scene_of(info)) {
-      scene->info.frames = static_cast<int>(scene->headers.size());
+      scene->info.frames = scene->size();
       impl_->infos.push_back(scene->info);
       impl_->scenes.push_back(std::move(*scene));
     }
@@ -271,7 +281,7 @@ RenderScene SceneForwardModel::scene_at(int capture, double time_s, const Offset
   std::size_t frame = 0;
   while (frame + 1 < times.size() && times[frame + 1] <= time_s) ++frame;
   RenderScene result;
-  if (scene.headers[frame].objects) {
+  if (scene.posed) {
     std::size_t a = frame;
     double t = 0;
     if (scene.motion && times.size() > 1) {
@@ -279,8 +289,8 @@ RenderScene SceneForwardModel::scene_at(int capture, double time_s, const Offset
       const double span = times[a + 1] - times[a];
       t = span > 0 ? (time_s - times[a]) / span : 0;
     }
-    const auto& here = *scene.headers[a].objects;
-    const auto& next = *scene.headers[std::min(a + 1, times.size() - 1)].objects;
+    const std::vector<ObjectPose> here = *scene.header(static_cast<int>(a)).objects;
+    const std::vector<ObjectPose> next = t != 0 ? *scene.header(static_cast<int>(a) + 1).objects : here;
     for (std::size_t i = 0; i < here.size(); ++i) {
       SceneObject object;
       object.obj_id = here[i].obj_id;
@@ -308,7 +318,7 @@ RenderScene SceneForwardModel::scene_at(int capture, double time_s, const Offset
 
 RenderRequest SceneForwardModel::request_for(int capture, int frame, const Offset& offset, const SensorModel& model) const {
   RenderRequest request;
-  request.camera = impl_->scenes.at(capture).headers.at(frame).camera;
+  request.camera = impl_->scenes.at(capture).header(frame).camera;
   if (model.camera_from == Given::written) {
     const Camera& m = model.camera;
     const bool same = m.width == request.camera.width && m.height == request.camera.height &&
@@ -343,7 +353,7 @@ std::shared_ptr<const Channels> SceneForwardModel::perfect(int capture, int fram
 void SceneForwardModel::simulate(const SimulationRequest& request, const FrameSink& sink) const {
   const CaptureScene& scene = impl_->scenes.at(request.capture);
   const SensorModel& model = *request.model;
-  const int recorded = static_cast<int>(scene.headers.size());
+  const int recorded = scene.size();
   const int frames = request.frames > 0 ? request.frames : recorded;
 
   CaptureContext context;
@@ -351,7 +361,7 @@ void SceneForwardModel::simulate(const SimulationRequest& request, const FrameSi
   context.camera = nominal.camera;
   context.projector_xyz_mm = nominal.projector_xyz_mm;
   context.reference_distance_mm = nominal.reference_distance_mm;
-  context.depth_scale_mm = model.depth_scale_from == Given::written ? model.depth_scale_mm : scene.headers[0].depth_scale_mm;
+  context.depth_scale_mm = model.depth_scale_from == Given::written ? model.depth_scale_mm : scene.header(0).depth_scale_mm;
   context.frames = frames;
   context.power_on = scene.info.power_on;
   context.motion = scene.motion;
@@ -413,7 +423,7 @@ void SceneForwardModel::simulate(const SimulationRequest& request, const FrameSi
     } else {
       frame = run->frame(*perfect(request.capture, source, request.offset, wanted, model), instant);
     }
-    const Frame& header = scene.headers[source];
+    const Frame header = scene.header(source);
     frame.camera = header.camera;
     frame.objects = header.objects;
     frame.X_WC = header.X_WC;
@@ -429,7 +439,7 @@ std::vector<std::pair<std::string, std::string>> SceneForwardModel::inactive(con
   for (const CaptureScene& scene : impl_->scenes) {
     power_on |= scene.info.power_on;
     motion |= scene.motion;
-    repeats |= scene.headers.size() > 1;
+    repeats |= scene.size() > 1;
   }
   std::vector<std::pair<std::string, std::string>> list;
   for (const EffectInstance& instance : model.effects) {
