@@ -10,6 +10,7 @@
 
 #include "sim/convex_hull.h"
 #include "sim/part_models.h"
+#include "sim/pile_quality.h"
 
 namespace binrig {
 namespace {
@@ -85,6 +86,56 @@ TEST(Stacking, PilesComeToRestInsideTheBinWithoutPenetration) {
       }
     }
   }
+}
+
+Body part_body(const std::string& name) {
+  const auto mesh = part_model(name).mesh;
+  Body body;
+  body.name = name;
+  body.pieces = cached_convex_pieces(*mesh).pieces;
+  body.mass = mass_properties(*mesh, 7850);
+  return body;
+}
+
+TEST(Stacking, EveryPartLiesAsARealOneWould) {
+  std::vector<Body> all;
+  for (const std::string& name : part_names()) {
+    all.push_back(part_body(name));
+    Stacking stacking({all.back()}, BinBox{}, {}, RandomStream(11));
+    const SettleReport report = stacking.drop(std::vector<int>(12, 0), Layout{});
+    const PileQuality quality = pile_quality(stacking);
+    EXPECT_TRUE(report.steady) << name;
+    EXPECT_EQ(report.left_bin, 0) << name;
+    EXPECT_LE(report.most_penetration_mm, 0.5) << name;
+    EXPECT_LE(quality.most_penetration_mm, 0.2) << name;
+    EXPECT_LE(quality.most_hover_mm, 0.5) << name;
+    EXPECT_EQ(quality.interlocked, 0) << name;
+  }
+  Stacking mixed(all, BinBox{}, {}, RandomStream(12));
+  EXPECT_TRUE(mixed.drop({0, 1, 2, 3, 4, 5, 0, 1, 2, 3, 4, 5}, Layout{}).steady);
+  EXPECT_LE(pile_quality(mixed).most_penetration_mm, 0.2);
+  EXPECT_LE(pile_quality(mixed).most_hover_mm, 0.5);
+}
+
+TEST(PileQuality, SeesWhatIsWrongWithAPile) {
+  const Body box = part_body("box"), bracket = part_body("bracket");
+  const auto at = [](int id, int kind, const Vector3& t) {
+    return PlacedPart{id, kind, Pose(Eigen::Translation3d(t))};
+  };
+  // 20 mm high: one lies on the floor, one hovers 3 mm above it, one sinks 1 mm into the floor beside them.
+  const PileQuality q =
+      pile_quality({box}, BinBox{}, {at(0, 0, {0, 0, 10}), at(1, 0, {0, 0, 33}), at(2, 0, {60, 0, 9})});
+  EXPECT_EQ(q.hovering, 1);
+  EXPECT_NEAR(q.most_hover_mm, 3, 0.01);
+  EXPECT_NEAR(q.most_penetration_mm, 1, 0.05);
+  EXPECT_EQ(q.interlocked, 0);
+  // A box 1 mm inside another comes free; one in the middle of a larger one does not by any small motion.
+  const PileQuality shallow = pile_quality({box}, BinBox{}, {at(0, 0, {0, 0, 10}), at(1, 0, {0, 0, 29})});
+  EXPECT_NEAR(shallow.most_penetration_mm, 1, 0.05);
+  EXPECT_EQ(shallow.interlocked, 0);
+  const Body block = hull_body("block", *box_mesh(Eigen::Vector3d(80, 80, 80), Surface{}));
+  EXPECT_EQ(pile_quality({block, box}, BinBox{}, {at(0, 0, {0, 0, 40}), at(1, 1, {0, 0, 40})}).interlocked, 1);
+  EXPECT_EQ(pile_quality({bracket}, BinBox{}, {}).most_hover_mm, 0);
 }
 
 TEST(Stacking, ABoxLiesFlatOnTheFloor) {
