@@ -190,6 +190,7 @@ struct Stacking::Impl {
   std::vector<std::unique_ptr<btRigidBody>> moving;
   int next_id = 0, drops = 0, shakes = 0, left_bin = 0;
   double tilt_rad = 0;
+  bool clamped = false;
   SettleReport report;
 
   Impl(std::vector<Body> bodies_, const BinBox& bin_, const StackingSettings& settings_, const RandomStream& stream_)
@@ -347,6 +348,10 @@ struct Stacking::Impl {
     report = SettleReport{};
     const double cpu_s = thread_cpu_s();
     const auto wall = std::chrono::steady_clock::now();
+    if (clamped) {
+      report.steady = true;
+      return report;
+    }
     work();
     run_until_steady();
     for (std::size_t i = 0; i < moving.size(); ++i) {
@@ -441,6 +446,7 @@ Stacking::Stacking(std::vector<Body> bodies, const BinBox& bin, const StackingSe
 Stacking::~Stacking() = default;
 
 SettleReport Stacking::drop(const std::vector<int>& kinds, const Layout& layout) {
+  if (impl_->clamped) throw Error("cannot drop parts into a clamped bin: release the clamp first");
   return impl_->timed([&] { impl_->lay_out(kinds, layout); });
 }
 
@@ -473,6 +479,10 @@ SettleReport Stacking::tilt(double angle_rad) {
                   "-" + number_text(steepest_tilt_rad) + " .. " + number_text(steepest_tilt_rad), "is out of bounds"}});
   }
   const double from = impl_->tilt_rad, way = angle_rad - from;
+  if (impl_->clamped) {
+    impl_->tilt_rad = angle_rad;
+    impl_->lean();
+  }
   return impl_->timed([&] {
     const double seconds = std::abs(way) / tilt_rate_rad_s;
     impl_->run_for(seconds, [&](double t) {
@@ -485,6 +495,9 @@ SettleReport Stacking::tilt(double angle_rad) {
 }
 
 double Stacking::tilt_rad() const { return impl_->tilt_rad; }
+
+void Stacking::clamp(bool hold) { impl_->clamped = hold; }
+bool Stacking::clamped() const { return impl_->clamped; }
 
 bool Stacking::remove(int id) {
   for (std::size_t i = 0; i < impl_->parts.size(); ++i) {

@@ -94,9 +94,13 @@ class Stacking {
   /// Leans the bin by an angle about its x axis (slowly, so that the pile moves by its weight alone), then settles.
   /// Parts may slide out.
   SettleReport tilt(double angle_rad);
+
+  /// The clamp: while it holds, no part moves against the bin, whatever the bin does.
+  void clamp(bool hold);
+  bool clamped() const;
   double tilt_rad() const;
 
-  /// Takes a part out; the others wake in the next settle(). False if there is no such part.
+  /// Takes a part out; the others wake in the next settle() (and wait for the clamp). False if there is no such part.
   bool remove(int id);
   void clear();
 

@@ -10,6 +10,7 @@
 #include "core/error.h"
 #include "core/sensor_model.h"
 #include "core/yaml.h"
+#include "sim/world_physics.h"
 
 namespace binrig {
 
@@ -223,28 +224,77 @@ WorldPart read_part(YamlMap& map, const std::string& folder) {
   part.model.name = map.text("name", part.model.name);
   part.count = map.integer("count", 0, 0, most_parts);
   part.X_WO = read_poses(map, "pose", "poses");
-  part.density_kg_m3 = map.number("density", 1, 30'000, "kg/m^3");
-  part.mass_kg = map.number("mass", 1e-6, 1e3, "kg");
+  // What is no material is said together with the mass that it makes (check_physics).
+  part.density_kg_m3 = map.number("density", 1e-12, 1e18, "kg/m^3");
+  part.mass_kg = map.number("mass", 1e-9, 1e9, "kg");
   if (part.density_kg_m3 && part.mass_kg) map.violation("mass", "is given twice, with density");
   part.friction = map.number("friction", part.friction, 0, 5, "1");
   part.restitution = map.number("restitution", part.restitution, 0, 1, "1");
   part.rolling_resistance_mm = map.number("rolling_resistance", part.rolling_resistance_mm, 0, 100, "mm");
+  part.hull = map.text("collision", "pieces", {"pieces", "hull"}) == "hull";
+  part.where = map.where();
   map.finish();
   return part;
 }
 
-WorldBin read_bin(YamlMap& map) {
+WorldBin read_bin(YamlMap& map, const std::vector<WorldPart>& parts) {
   WorldBin bin;
+  bin.where = map.where();
   bin.name = map.text("name", "bin");
-  if (auto pose = map.map("pose")) bin.X_WB = read_pose(*pose);
-  if (const auto size = map.numbers("inner_size", 3, 1, 5000, "mm")) bin.inner_size_mm = vector3(*size);
+  if (auto pose = map.map("pose")) {
+    bin.X_WB = read_pose(*pose);
+    if (std::abs(bin.X_WB.linear()(2, 2) - 1) > 1e-6)
+      map.violation("pose", "leans: a bin stands upright (it is tilted by its command)");
+  }
+  if (const auto size = map.numbers("inner_size", 3, 0, 5000, "mm")) {
+    bin.inner_size_mm = vector3(*size);
+    if (bin.inner_size_mm.x() < 1 || bin.inner_size_mm.y() < 1) map.violation("inner_size", "has no floor");
+  }
   bin.wall_mm = map.number("wall", bin.wall_mm, 0.5, 500, "mm");
   bin.friction = map.number("friction", bin.friction, 0, 5, "1");
   bin.restitution = map.number("restitution", bin.restitution, 0, 1, "1");
   bin.surface = read_surface_of(map, "surface");
   bin.mesh = bin_mesh(bin.inner_size_mm, bin.wall_mm, bin.surface);
+  if (auto fill = map.map("fill")) {
+    std::vector<std::string> names;
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      names.push_back(parts[i].model.name);
+      // Asked for by name, so that what is left over is an unknown part.
+      const int count = fill->integer(names.back(), 0, 0, most_parts);
+      if (count > 0) bin.fill.emplace_back(static_cast<int>(i), count);
+    }
+    fill->finish();
+    if (bin.fill.empty()) map.violation("fill", "drops 0 parts");
+  }
+  if (auto layout = map.map("layout")) {
+    bin.layout.columns = layout->integer("columns", 0, 0, 1000);
+    bin.layout.rows = layout->integer("rows", 0, 0, 1000);
+    bin.layout.spacing_mm = layout->number("spacing", 0, 0, 5000, "mm");
+    bin.layout.height_mm = layout->number("height", bin.layout.height_mm, 0, 5000, "mm");
+    bin.layout.random_orientation = layout->boolean("random_orientation", true);
+    layout->finish();
+  }
   map.finish();
   return bin;
+}
+
+StackingSettings read_physics(YamlMap& map) {
+  StackingSettings s;
+  s.gravity_mm_s2 = map.number("gravity", s.gravity_mm_s2, 1, 1e6, "mm/s^2");
+  s.step_s = map.number("step", s.step_s, 1e-5, 1.0 / 60, "s");
+  s.iterations = map.integer("iterations", s.iterations, 1, 1000);
+  s.most_linear_mm_s = map.number("most_linear", s.most_linear_mm_s, 1, 1e5, "mm/s");
+  s.most_angular_rad_s = map.number("most_angular", s.most_angular_rad_s, 0.01, 1e3, "rad/s");
+  if (auto steady = map.map("steady")) {
+    s.steady.linear_mm_s = steady->number("linear", s.steady.linear_mm_s, 1e-3, 1e4, "mm/s");
+    s.steady.angular_rad_s = steady->number("angular", s.steady.angular_rad_s, 1e-4, 1e3, "rad/s");
+    s.steady.checks = steady->integer("checks", s.steady.checks, 1, 1000);
+    s.steady.interval_s = steady->number("interval", s.steady.interval_s, 1e-3, 60, "s");
+    s.steady.time_limit_s = steady->number("time_limit", s.steady.time_limit_s, 1e-2, 3600, "s");
+    steady->finish();
+  }
+  map.finish();
+  return s;
 }
 
 WorldSensor read_sensor(YamlMap& map, const std::string& folder) {
@@ -275,7 +325,8 @@ World read(const YAML::Node& root, const std::string& file, const std::string& f
   world.name = map.text("name", fs::path(file).stem().string());
   world.renderer = map.text("renderer", "auto", {"auto", "embree", "osmesa"});
   for (YamlMap& part : map.maps("parts")) world.parts.push_back(read_part(part, folder));
-  for (YamlMap& bin : map.maps("bins")) world.bins.push_back(read_bin(bin));
+  for (YamlMap& bin : map.maps("bins")) world.bins.push_back(read_bin(bin, world.parts));
+  if (auto physics = map.map("physics")) world.physics = read_physics(*physics);
   if (auto table = map.map("table")) {
     world.table = World::Table{table->number("height", 0, -far_mm, far_mm, "mm"), read_surface_of(*table, "surface")};
     table->finish();
@@ -297,6 +348,10 @@ World read(const YAML::Node& root, const std::string& file, const std::string& f
     for (const Pose& X_WO : world.parts[i].X_WO) world.objects.push_back({static_cast<int>(i), X_WO});
   }
   if (world.drops() && world.bins.empty()) map.missing("bins", "parts with a count need a bin to fall into");
+  for (std::size_t i = 0; i < world.parts.size() && !world.bins.empty(); ++i) {
+    if (world.parts[i].count > 0) world.bins.front().fill.emplace_back(static_cast<int>(i), world.parts[i].count);
+  }
+  check_physics(world, violations);
   if (world.objects.empty() && !world.drops() && world.bins.empty() && !world.table) {
     map.missing("parts", "there is nothing to see");
   }
@@ -308,6 +363,9 @@ World read(const YAML::Node& root, const std::string& file, const std::string& f
 bool World::drops() const {
   for (const WorldPart& part : parts) {
     if (part.count > 0) return true;
+  }
+  for (const WorldBin& bin : bins) {
+    if (!bin.fill.empty()) return true;
   }
   return false;
 }

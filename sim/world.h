@@ -17,8 +17,20 @@
 //       friction: 0.4
 //       restitution: 0.1
 //       rolling_resistance: 0.2         # mm
+//       collision: pieces               # or hull: the convex hull of the mesh stands for the part
 //   bins:
-//     - {inner_size: [210, 160, 80], wall: 4, pose: {...}, surface: {albedo: 0.3}, friction: 0.4, restitution: 0.1}
+//     - name: left
+//       inner_size: [210, 160, 80]      # height 0: a tray without walls
+//       wall: 4
+//       pose: {...}                     # upright: turned about z alone
+//       surface: {albedo: 0.3}
+//       friction: 0.4
+//       restitution: 0.1
+//       fill: {cylinder: 9, wrench: 9}  # parts by name; a part's count falls into the first bin besides
+//       layout: {columns: 3, rows: 2, spacing: 70, height: 10, random_orientation: true}   # before they fall
+//   physics:                            # see sim/stacking.h; every key may be absent
+//     {gravity: 9810, step: 0.00104, iterations: 10, most_linear: 400, most_angular: 10,
+//      steady: {linear: 5, angular: 0.5, checks: 5, interval: 0.1, time_limit: 20}}
 //   table: {height: 0, surface: {albedo: 0.4}}   # the plane z = height of the world
 //   sensors:
 //     - name: above
@@ -41,6 +53,7 @@
 #include "core/frame_source.h"
 #include "sim/part_models.h"
 #include "sim/renderer.h"
+#include "sim/stacking.h"
 
 namespace binrig {
 
@@ -52,6 +65,8 @@ struct WorldPart {
   std::vector<Pose> X_WO;                        ///< those that lie where the file says
   std::optional<double> density_kg_m3, mass_kg;  ///< absent: 7850 kg/m^3 (steel)
   double friction = 0.4, restitution = 0.1, rolling_resistance_mm = 0.2;
+  bool hull = false;  ///< collides as its convex hull
+  std::string where;  ///< file:line, for messages
 };
 
 struct WorldBin {
@@ -61,7 +76,10 @@ struct WorldBin {
   double wall_mm = 4;
   double friction = 0.4, restitution = 0.1;
   Surface surface;
-  std::shared_ptr<const Mesh> mesh;  ///< in B
+  std::shared_ptr<const Mesh> mesh;       ///< in B
+  std::vector<std::pair<int, int>> fill;  ///< what falls into it: index into parts, how many
+  Layout layout;
+  std::string where;  ///< file:line, for messages
 };
 
 struct WorldSensor {
@@ -91,11 +109,13 @@ struct World {
   std::vector<RgbLight> lights;  ///< position in W
   float ambient = 0.25f;
   std::vector<WorldObject> objects;  ///< at first: every part's poses, in order; dropped parts join here
-  bool drops() const;                ///< some part has a count
+  StackingSettings physics;
+  bool drops() const;  ///< something falls into a bin
 };
 
 /// Throws one Error with every violation, each with file:line: unknown keys, missing meshes and what load_mesh says of
-/// them, inside-out meshes, numbers out of bounds, no sensor, poses that are none.
+/// them, inside-out meshes, numbers out of bounds, no sensor, poses that are none; of parts that fall: no solid, a
+/// density that no material has, larger than their bin.
 World read_world(const std::string& path);
 World parse_world(const std::string& yaml_text, const std::string& name_for_messages, const std::string& folder = ".");
 
