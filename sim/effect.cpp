@@ -44,6 +44,41 @@ void for_rows(cv::Size size, const std::function<void(int, int)>& body) {
   parallel_for(blocks, [&](int i) { body(size.height * i / blocks, size.height * (i + 1) / blocks); });
 }
 
+std::pair<float, float> valid_range(const cv::Mat& depth_mm, const cv::Mat& reason, int row, int col, int half) {
+  float low = depth_mm.at<float>(row, col), high = low;
+  for (int y = std::max(0, row - half); y <= std::min(depth_mm.rows - 1, row + half); ++y) {
+    const float* z = depth_mm.ptr<float>(y);
+    const std::uint8_t* r = reason.ptr<std::uint8_t>(y);
+    for (int x = std::max(0, col - half); x <= std::min(depth_mm.cols - 1, col + half); ++x) {
+      if (r[x] != 0) continue;
+      low = std::min(low, z[x]);
+      high = std::max(high, z[x]);
+    }
+  }
+  return {low, high};
+}
+
+void replace_scene_depth(Layers& layers, const cv::Mat& nominal_mm, const cv::Mat& seen_mm) {
+  constexpr auto measured = static_cast<std::uint8_t>(Reason::measured);
+  constexpr auto no_surface = static_cast<std::uint8_t>(Reason::no_surface);
+  for_rows(seen_mm.size(), [&](int first, int last) {
+    for (int row = first; row < last; ++row) {
+      const float *nominal = nominal_mm.ptr<float>(row), *seen = seen_mm.ptr<float>(row);
+      float* z = layers.depth_mm.ptr<float>(row);
+      std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
+      for (int col = 0; col < seen_mm.cols; ++col) {
+        if (reason[col] == measured) {
+          z[col] = seen[col] + (z[col] - nominal[col]);
+          if (!(seen[col] > 0)) reason[col] = no_surface;
+        } else if (reason[col] == no_surface && seen[col] > 0) {
+          z[col] = seen[col];
+          reason[col] = measured;
+        }
+      }
+    }
+  });
+}
+
 ParameterSpec disturbance_grid() {
   return {.name = "grid",
           .unit = "px",

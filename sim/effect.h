@@ -157,6 +157,14 @@ inline float with_disparity_added(float z_mm, float delta_px, float focal_baseli
   return z_mm / (ratio > 1e-3f ? ratio : 1e-3f);
 }
 
+/// Least and largest valid depth of the square of half width `half` around a pixel that is valid itself.
+std::pair<float, float> valid_range(const cv::Mat& depth_mm, const cv::Mat& reason, int row, int col, int half);
+
+/// For effects that see another view than the nominal one: depth becomes `seen`, plus what earlier effects had added to
+/// `nominal`. Where the other view meets nothing the pixel becomes no_surface; where only the other view meets
+/// something, it becomes valid.
+void replace_scene_depth(Layers& layers, const cv::Mat& nominal_mm, const cv::Mat& seen_mm);
+
 /// What the disturbed thresholds share (thesis 5.3.7): the spread's spatial size, how much of it is new in every frame,
 /// and the weight function; and the field that they describe, keyed by the instance.
 ParameterSpec disturbance_grid();

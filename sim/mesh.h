@@ -17,7 +17,7 @@ namespace binrig {
 struct Surface {
   float albedo = 0.5f, specular = 0.f, shininess = 30.f;
   std::array<float, 3> rgb{0.6f, 0.6f, 0.6f};  ///< 0..1
-  bool assumed = false;  ///< the file said nothing: 0.5 and 0 taken
+  bool assumed = false;                        ///< the file said nothing: 0.5 and 0 taken
 };
 
 /// Vertices in mm, in the frame O of the object. A triangle's normal follows its winding, but renderers turn normals

@@ -41,10 +41,10 @@ struct RenderScene {
 };
 
 struct RenderRequest {
-  Camera camera;                             ///< lens distortion is honoured
-  std::optional<Vector3> projector_xyz_mm;   ///< camera frame; absent: no projector channels but diffuse and specular
-                                             ///< as if it stood at the camera
-  double reference_distance_mm = 800;        ///< z0 of the diffuse formula
+  Camera camera;                            ///< lens distortion is honoured
+  std::optional<Vector3> projector_xyz_mm;  ///< camera frame; absent: no projector channels but diffuse and specular
+                                            ///< as if it stood at the camera
+  double reference_distance_mm = 800;       ///< z0 of the diffuse formula
   ChannelSet wanted = static_cast<ChannelSet>(Channel::depth);
   /// Refuse a camera inside a closed mesh. Switch off where the mesh is a room.
   bool check_inside = true;

@@ -14,8 +14,8 @@ namespace binrig {
 /// The sensor on one capture. Frames come in order; memory does not grow with their number.
 class SensorRun {
  public:
-  /// `context` is complete but for `instance` and `model_folder`. Effects whose needs the capture does not meet are left
-  /// out and listed by inactive(). The model must have been checked. The model may go; the context is copied.
+  /// `context` is complete but for `instance` and `model_folder`. Effects whose needs the capture does not meet are
+  /// left out and listed by inactive(). The model must have been checked. The model may go; the context is copied.
   SensorRun(const SensorModel& model, const CaptureContext& context);
   ~SensorRun();
 

@@ -1,5 +1,6 @@
 #include "tests/support/effect_run.h"
 
+#include <cmath>
 #include <limits>
 #include <stdexcept>
 
@@ -62,6 +63,37 @@ cv::Mat depth_under(const std::string& effect, const Values& values, const Analy
   Layers layers = run.frame(*channels);
   layers.depth_mm.setTo(std::numeric_limits<float>::quiet_NaN(), layers.reason != 0);
   return layers.depth_mm;
+}
+
+double noise_under(const std::string& effect, const Values& values, const AnalyticScene& scene, const Camera& camera,
+                   cv::Rect region) {
+  if (region.empty()) region = cv::Rect(0, 0, camera.width, camera.height);
+  CaptureContext context = analytic_context(scene, camera);
+  context.depth_scale_mm = 0;
+  const auto channels = analytic_channels(scene, camera, context.projector_xyz_mm, context.reference_distance_mm);
+  SensorModel model;
+  model.effects = {make_instance(effect, values),
+                   make_instance("spectral_noise", {{"sigma", 1}, {"white_share", 1}, {"correlation_length", 0}})};
+  check_sensor_model(model, effect_catalogue());
+  SensorRun run(model, context);
+  if (!run.inactive().empty()) throw std::logic_error(run.inactive()[0].second);
+  double square = 0, count = 0;
+  for (int number = 0; number < 4; ++number) {
+    FrameInstant instant;
+    instant.number = number;
+    const Frame frame = run.frame(*channels, instant);
+    const cv::Mat residual = (frame.depth_mm - channels->depth_mm)(region), valid = (frame.reason == 0)(region);
+    const double norm = cv::norm(residual, cv::NORM_L2, valid);
+    square += norm * norm;
+    count += cv::countNonZero(valid);
+  }
+  return std::sqrt(square / count);
+}
+
+Camera narrow_camera() {
+  Camera camera = small_camera();
+  camera.fx = camera.fy = 20000;
+  return camera;
 }
 
 std::pair<double, double> mean_and_deviation(const cv::Mat& image) {

@@ -37,6 +37,14 @@ class EffectUnderTest {
 /// that forgets the reason fails.
 cv::Mat depth_under(const std::string& effect, const Values& values, const AnalyticScene& scene);
 
+/// Standard deviation (mm) over valid pixels of `region` (empty = all) and four frames of what the effect makes of
+/// white noise with sigma = 1 mm.
+double noise_under(const std::string& effect, const Values& values, const AnalyticScene& scene, const Camera& camera,
+                   cv::Rect region = {});
+
+/// A camera with so narrow a view that distance, incidence and light are nearly the same in every pixel.
+Camera narrow_camera();
+
 /// Mean and standard deviation of an image (CV_32F).
 std::pair<double, double> mean_and_deviation(const cv::Mat& image);
 /// Share of pixels with a reason.
