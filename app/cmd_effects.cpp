@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "app/commands.h"
+#include "app/effects_doc.h"
 #include "core/error.h"
 #include "sim/effect.h"
 
@@ -79,7 +80,10 @@ void add_effects(CLI::App& app, int& /*status*/) {
   auto as_json = std::make_shared<bool>(false);
   verb->add_option("name", *name, "one effect, in full");
   verb->add_flag("--json", *as_json, "as JSON");
+  auto markdown = std::make_shared<std::string>();
+  verb->add_option("--markdown", *markdown, "write the catalogue with pictures as effects.md into this folder");
   verb->callback([=] {
+    if (!markdown->empty()) return write_effects_page(*markdown);
     const EffectCatalogue& catalogue = effect_catalogue();
     if (!name->empty() && !catalogue.find(*name)) {
       const std::string near = nearest_word(*name, catalogue.names());

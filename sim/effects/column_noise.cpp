@@ -12,8 +12,7 @@ const Effect& column_noise() {
                               .phenomenon = "Whole columns jump up and down from frame to frame.",
                               .stage = Stage::noise,
                               .formula = "z' = z + n, n ~ N(0, amplitude^2), one number a column and frame",
-                              .citation = "plain column noise; as temporal column noise in EMVA Standard 1288 (release "
-                                          "4), of depth instead of grey values",
+                              .citation = "plain column noise of a read-out",
                               .deviation = "",
                               .parameters = {{.name = "amplitude",
                                               .unit = "mm",

@@ -13,8 +13,9 @@ const Effect& interreflection() {
        .phenomenon = "Depth is wrong beside concave creases, where walls light each other.",
        .stage = Stage::geometry,
        .formula = "z' = z + amplitude exp(-c / length), c = distance to the nearest concave crease",
-       .citation = "plain exponential fall-off from the crease; multi-path as in Fuchs, Multipath interference "
-                   "compensation in time-of-flight camera images, ICPR 2010",
+       .citation =
+           "plain exponential fall-off from the crease; multi-path light as in Fuentes-Jimenez, Pizarro, Mazo and "
+           "Palazuelos, Modelling and correction of multipath interference in time of flight cameras, CVPR 2012",
        .deviation = "",
        .parameters = {{.name = "amplitude",
                        .unit = "mm",

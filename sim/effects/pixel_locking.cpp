@@ -36,7 +36,8 @@ const Effect& pixel_locking() {
                        .typical_high = std::numbers::pi,
                        .initial = 0,
                        .kind = ParameterKind::phase,
-                       .meaning = "sign and symmetry of the pull; 0 or pi for a symmetric matcher"}},
+                       .meaning = "pi pulls disparities towards whole pixels, 0 towards halves; between them for an "
+                                  "asymmetric matcher"}},
        .neighbourhood_px = 0,
        .amplitude = "amplitude",
        .needs = {.baseline = true},

@@ -15,8 +15,8 @@ const Effect& thermal_drift() {
        .phenomenon = "Depth drifts for a while after power-on.",
        .stage = Stage::geometry,
        .formula = "z' = f B / (d + amplitude exp(-t / time_constant)), t since power-on",
-       .citation = "plain first-order warming; measured for Kinect in Fiedler and Mueller, Impact of thermal and "
-                   "environmental conditions on the Kinect sensor, WDIA 2012",
+       .citation = "first-order warming; warm-up seen in Chow, Ang, Lichti and Teskey, Performance analysis of a "
+                   "low-cost triangulation-based 3D camera: Microsoft Kinect system, ISPRS Archives XXXIX-B (2012)",
        .deviation = "",
        .parameters = {{.name = "amplitude",
                        .unit = "px",
