@@ -23,7 +23,7 @@ namespace binrig {
 namespace {
 
 struct FitNoiseOptions {
-  std::string measured, capture, model, out, report;
+  std::string measured, capture, model, out, report, noise = "auto";
   CommonOptions common;
 };
 
@@ -118,6 +118,7 @@ double apply_law(SensorModel& model, const FittedNoise& fit, double reference_mm
 struct Correction {
   int rounds = 0;
   double sigma_ratio = 1, spectrum_db = 0;  ///< simulated against fitted, at the end
+  double relative_sd = 0;                   ///< median over rings: what the simulations' finite length leaves
 };
 
 Correction correct_for_later_effects(SensorModel& model, EffectInstance& noise, NoiseSpectrum& spectrum,
@@ -136,6 +137,7 @@ Correction correct_for_later_effects(SensorModel& model, EffectInstance& noise, 
   const double wanted_level = level * (follows ? law : 1);
   const cv::Mat wanted = fit.shape.density(n, n) * wanted_level;
   Correction result;
+  double before_db = 1e9;
   for (;; ++result.rounds) {
     spectrum.write(spectrum_path, provenance);
     noise.values["sigma"].value = std::sqrt(spectrum.variance_mm2());
@@ -152,7 +154,15 @@ Correction correct_for_later_effects(SensorModel& model, EffectInstance& noise, 
                           2) /
                  static_cast<double>(real.density.size());
     result.spectrum_db = std::sqrt(squares);
-    if ((std::abs(result.sigma_ratio - 1) < 0.01 && result.spectrum_db < 0.25) || result.rounds == 5) return result;
+    std::vector<double> relative;
+    for (std::size_t r = 0; r < simulated.density.size(); ++r)
+      relative.push_back(simulated.sd[r] / std::max(simulated.density[r], 1e-9));
+    std::nth_element(relative.begin(), relative.begin() + relative.size() / 2, relative.end());
+    result.relative_sd = relative[relative.size() / 2];
+    const bool close = std::abs(result.sigma_ratio - 1) < 0.003 && result.spectrum_db < 0.06;
+    const bool stuck = result.rounds >= 3 && result.spectrum_db > 0.8 * before_db;
+    if (close || stuck || result.rounds == 9) return result;
+    before_db = result.spectrum_db;
     cv::Mat psd = spectrum.psd().clone();
     const double floor = 1e-4 * wanted_level;
     for (int row = 0; row < psd.rows; ++row)
@@ -163,6 +173,17 @@ Correction correct_for_later_effects(SensorModel& model, EffectInstance& noise, 
       }
     spectrum = NoiseSpectrum(psd, spectrum.cols());
   }
+}
+
+// Temporal noise where it can be judged on held-out captures, too: they need repeats as well.
+bool of_repeats(const std::string& wanted, const std::vector<CaptureNoise>& train,
+                const std::vector<CaptureNoise>& test) {
+  const auto repeats = [](const CaptureNoise& c) { return c.temporal.has_value(); };
+  const bool possible = std::all_of(train.begin(), train.end(), repeats);
+  if (wanted == "temporal" && !possible)
+    throw Error("--noise temporal: not every train capture has more than one frame; fit one that has with --capture");
+  if (wanted != "auto") return wanted == "temporal";
+  return possible && (test.empty() || std::any_of(test.begin(), test.end(), repeats));
 }
 
 void run(const FitNoiseOptions& options) {
@@ -178,7 +199,7 @@ void run(const FitNoiseOptions& options) {
   report.notes = planes.notes;
   std::vector<CaptureNoise> train, test;
   report.low = measure_plane_captures(planes, train, test);
-  const FittedNoise fit = fit_noise(train, report.low);
+  const FittedNoise fit = fit_noise(train, report.low, of_repeats(options.noise, train, test));
 
   const std::string provenance =
       fmt::format("fitted: {} {}, {} capture{}, {}", std::filesystem::path(options.measured).filename().string(),
@@ -221,7 +242,8 @@ void run(const FitNoiseOptions& options) {
     const CaptureNoise& measured = judged[static_cast<std::size_t>(i)];
     const int frames = fit.temporal && measured.temporal ? std::clamp(measured.frames_used, 2, 12) : 4;
     auto& judgement = report.judgements[static_cast<std::size_t>(i)];
-    judgement = judge_noise(fit, measured, simulated_noise(model, planes, measured, fit, options.common.seed, frames));
+    judgement = judge_noise(fit, measured, simulated_noise(model, planes, measured, fit, options.common.seed, frames),
+                            correction.relative_sd);
     judgement.nearest = &measured == counts;
     progress.advance();
   });
@@ -259,6 +281,11 @@ void add_fit_noise(CLI::App& app, int& status) {
   verb->add_option("--capture", options->capture, "fit to this capture alone, e.g. train/1");
   verb->add_option("--model", options->model, "sensor model to start from")->required();
   verb->add_option("--out", options->out, "model to write; the spectrum goes to a file beside it")->required();
+  verb->add_option(
+          "--noise", options->noise,
+          "temporal: what changes between frames; frame: all that is in one frame, an upper bound; auto: temporal "
+          "where train and held-out captures repeat")
+      ->check(CLI::IsMember({"auto", "temporal", "frame"}));
   verb->add_option("--report", options->report, "folder for report.html and report.json");
   add_common_options(*verb, options->common);
   verb->callback([options, &status] {

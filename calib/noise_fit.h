@@ -43,6 +43,8 @@ struct FittedNoise {
   SpectrumEstimate shape;                          ///< mean over captures of C/sigma^2 (rounding still in it)
   double between_captures = 0;  ///< standard deviation of ln S between captures at one frequency, chance taken out
   SigmaLaw law;
+  /// Slope of ln(correlation length) against incidence (1/rad) over the captures, and its standard error.
+  double length_slope = 0, length_slope_se = 0;
   ParametricNoise parametric;
   LowFrequencies low;
   std::vector<std::string> remarks;
@@ -50,9 +52,9 @@ struct FittedNoise {
   NoiseSpectrum spectrum() const;  ///< on the natural grid, sigma_mm
 };
 
-/// Throws Error if there is no capture. All captures must have been measured with one max_lag_px. Temporal where every
-/// capture has repeats, else single frames.
-FittedNoise fit_noise(const std::vector<CaptureNoise>& captures, const LowFrequencies& low);
+/// Throws Error if there is no capture. All captures must have been measured with one max_lag_px. `temporal`: fit the
+/// noise of repeats; ignored where a capture has none.
+FittedNoise fit_noise(const std::vector<CaptureNoise>& captures, const LowFrequencies& low, bool temporal);
 
 ParametricNoise fit_parametric(const SpectrumEstimate& estimate, double extra_relative_sd = 0);
 
@@ -77,8 +79,10 @@ struct NoiseJudgement {
 
 inline constexpr double sigma_bound = 0.10, length_bound = 0.15, inside_bound = 0.85;
 
-/// `measured` and `simulated` went through measure_noise with the same lags and drop order.
-NoiseJudgement judge_noise(const FittedNoise& fit, const CaptureNoise& measured, const CaptureNoise& simulated);
+/// `measured` and `simulated` went through measure_noise with the same lags and drop order. `made_relative_sd`:
+/// relative error of the model's density itself where it was adjusted by simulations of finite length.
+NoiseJudgement judge_noise(const FittedNoise& fit, const CaptureNoise& measured, const CaptureNoise& simulated,
+                           double made_relative_sd = 0);
 
 nlohmann::json noise_json(const CaptureNoise& noise);
 nlohmann::json noise_json(const FittedNoise& fit);

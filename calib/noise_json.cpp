@@ -43,6 +43,12 @@ nlohmann::json noise_json(const CaptureNoise& noise) {
                         {"rms_orthogonal_mm", plane.rms_orthogonal_mm}}},
                       {"step_mm", noise.step_mm},
                       {"repeated_share", noise.repeated_share},
+                      {"stationarity",
+                       {{"cell_px", noise.stationarity.cell_px},
+                        {"scatter", noise.stationarity.scatter},
+                        {"covariate", noise.stationarity.covariate},
+                        {"explained", noise.stationarity.explained},
+                        {"p_value", noise.stationarity.equal_everywhere.p_value}}},
                       {"single_frames", estimate_json(noise.single)},
                       {"remarks", noise.remarks}};
   if (noise.temporal) {
@@ -63,6 +69,8 @@ nlohmann::json noise_json(const FittedNoise& fit) {
           {"rounding_mm", fit.rounding_mm},
           {"correlation_length_px", fit.shape.correlation_length_px()},
           {"between_captures", fit.between_captures},
+          {"length_slope_per_rad", fit.length_slope},
+          {"length_slope_se", fit.length_slope_se},
           {"low_frequencies",
            {{"drop_order", fit.low.drop_order},
             {"plateau_found", fit.low.plateau_found},

@@ -94,6 +94,8 @@ CaptureNoise measure_noise(const FirstLook& look, const FrameStream& frames, boo
 
   SpectrumEstimator single(max_lag, options.drop_order), differences(max_lag, 1);
   CommonStep common;
+  const int cell = std::max(16, std::min(box.width, box.height) / 12);
+  CellVariance single_cells(box.size(), cell), difference_cells(box.size(), cell);
   const int single_step = std::max(1, look.frames / std::max(1, options.single_frames));
   Residual previous, before;
   double one_apart = 0, one_count = 0, two_apart = 0, two_count = 0;
@@ -106,7 +108,10 @@ CaptureNoise measure_noise(const FirstLook& look, const FrameStream& frames, boo
       Residual now = residual_of(frame, plane_mm, marked.empty() ? look.plane.region : marked, sigma);
       common.add(frame.depth_mm, frame.depth_scale_mm);
       ++noise.frames_used;
-      if (number % single_step == 0) single.add(now.mm, now.valid);
+      if (number % single_step == 0) {
+        single.add(now.mm, now.valid);
+        single_cells.add(PolynomialBasis(now.valid, options.drop_order).remainder(now.mm)(box), now.valid(box));
+      }
       const auto mean_square = [](const Residual& a, const Residual& b, double& sum, double& count) {
         const cv::Mat both = a.valid & b.valid;
         cv::Mat difference;
@@ -124,6 +129,7 @@ CaptureNoise measure_noise(const FirstLook& look, const FrameStream& frames, boo
           return;
         }
         differences.add(difference, both, 0.5);
+        difference_cells.add(difference(box), both(box));
         mean_square(now, previous, one_apart, one_count);
         if (!before.mm.empty()) mean_square(now, before, two_apart, two_count);
       }
@@ -144,6 +150,8 @@ CaptureNoise measure_noise(const FirstLook& look, const FrameStream& frames, boo
     noise.fixed_variance_mm2 = noise.single.variance_mm2() - noise.temporal->variance_mm2();
   }
   if (two_count > 0 && one_apart > 0) noise.memory = (two_apart / two_count) / (one_apart / one_count) - 1;
+  noise.stationarity = noise.temporal ? difference_cells.finish(noise.temporal->covariance, 0, plane_mm(box))
+                                      : single_cells.finish(noise.single.covariance, 0, plane_mm(box));
   noise.step_mm = common.step(look.depth_scale_mm);
 
   const double deviation = noise.noise().sigma_mm();

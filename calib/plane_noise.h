@@ -10,6 +10,7 @@
 #include "calib/noise_spectrum.h"
 #include "calib/plane_fit.h"
 #include "compare/noise/plane_residual.h"
+#include "compare/noise/stationarity.h"
 #include "core/recording_set.h"
 
 namespace binrig {
@@ -46,6 +47,7 @@ struct CaptureNoise {
   /// below 3 frames.
   std::optional<double> memory;
   double repeated_share = 0;  ///< frames equal to their predecessor: left out of the differences
+  Stationarity stationarity;  ///< of noise() within the image
   double step_mm = 0;         ///< step of the stored values as found: the greatest common divisor of the counts
   int frames_used = 0;
   std::vector<std::string> remarks;  ///< what limits these numbers, in sentences
