@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <list>
 #include <mutex>
 #include <optional>
 
@@ -11,6 +10,7 @@
 #include <opencv2/core.hpp>
 
 #include "core/error.h"
+#include "sim/channel_cache.h"
 #include "sim/dot_pattern/instrument.h"
 #include "sim/effect.h"
 #include "sim/sensor.h"
@@ -21,9 +21,9 @@ namespace {
 struct CaptureScene {
   CaptureInfo info;
   CaptureReader reader;
-  int width = 0, height = 0;     // px, where the headers do not say
-  std::vector<int> frames;       // indices of the readable ones in the reader
-  std::vector<double> times_s;   // since the first frame
+  int width = 0, height = 0;    // px, where the headers do not say
+  std::vector<int> frames;      // indices of the readable ones in the reader
+  std::vector<double> times_s;  // since the first frame
   bool posed = false, motion = false;
   std::vector<ScenePlane> planes;
   std::vector<SceneObject> extra_objects;
@@ -63,93 +63,6 @@ bool same_poses(const std::optional<std::vector<ObjectPose>>& a, const std::opti
   return std::equal(a->begin(), a->end(), b->begin(), b->end(), [](const ObjectPose& p, const ObjectPose& q) {
     return p.obj_id == q.obj_id && p.X_CO.matrix() == q.X_CO.matrix();
   });
-}
-
-std::size_t bytes_of(const Channels& c) {
-  std::size_t total = 0;
-  for (const cv::Mat* image : {&c.depth_mm, &c.normal, &c.cos_incidence, &c.instance, &c.projector_gap_mm, &c.diffuse,
-                               &c.specular, &c.ir, &c.edge_px, &c.crease_px, &c.rgb}) {
-    total += image->total() * image->elemSize();
-  }
-  return total;
-}
-
-// Rendered channels by what they show; the least recently used go first.
-class ChannelCache {
- public:
-  explicit ChannelCache(std::size_t limit) : limit_(limit) {}
-
-  std::shared_ptr<const Channels> find(const std::string& key, ChannelSet wanted) {
-    const std::lock_guard lock(mutex_);
-    for (auto it = entries_.begin(); it != entries_.end(); ++it) {
-      if (it->key != key || (it->made & wanted) != wanted) continue;
-      entries_.splice(entries_.begin(), entries_, it);
-      return entries_.front().channels;
-    }
-    return nullptr;
-  }
-
-  void add(const std::string& key, ChannelSet made, std::shared_ptr<const Channels> channels) {
-    const std::lock_guard lock(mutex_);
-    entries_.remove_if([&](const Entry& entry) {
-      const bool superseded = entry.key == key && (entry.made & made) == entry.made;
-      if (superseded) size_ -= entry.bytes;
-      return superseded;
-    });
-    const std::size_t bytes = bytes_of(*channels);
-    entries_.push_front({key, made, bytes, std::move(channels)});
-    size_ += bytes;
-    while (size_ > limit_ && entries_.size() > 1) {
-      size_ -= entries_.back().bytes;
-      entries_.pop_back();
-    }
-  }
-
- private:
-  struct Entry {
-    std::string key;
-    ChannelSet made;
-    std::size_t bytes;
-    std::shared_ptr<const Channels> channels;
-  };
-  std::mutex mutex_;
-  std::list<Entry> entries_;
-  std::size_t size_ = 0, limit_;
-};
-
-template <typename T>
-void append(std::string& key, const T& value) {
-  key.append(reinterpret_cast<const char*>(&value), sizeof(value));
-}
-
-void append(std::string& key, const Pose& pose) {
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 4; ++j) append(key, pose.matrix()(i, j));
-  }
-}
-
-// Everything that a picture depends on but the wanted channels.
-std::string picture_key(const RenderScene& scene, const RenderRequest& request) {
-  std::string key;
-  for (const SceneObject& object : scene.objects) {
-    append(key, object.mesh.get());
-    append(key, object.X_CO);
-  }
-  if (scene.plane) {
-    for (int i = 0; i < 3; ++i) append(key, scene.plane->normal[i]);
-    append(key, scene.plane->offset_mm);
-    append(key, scene.plane->surface.albedo);
-  }
-  const Camera& c = request.camera;
-  for (double value : {c.fx, c.fy, c.cx, c.cy}) append(key, value);
-  append(key, c.width);
-  append(key, c.height);
-  for (double k : c.distortion) append(key, k);
-  if (request.projector_xyz_mm) {
-    for (int i = 0; i < 3; ++i) append(key, (*request.projector_xyz_mm)[i]);
-  }
-  append(key, request.reference_distance_mm);
-  return key;
 }
 
 double median_train_depth(const RecordingSet& set) {
@@ -205,7 +118,8 @@ struct SceneForwardModel::Impl {
       const auto model = std::find_if(set.models().begin(), set.models().end(),
                                       [&](const ModelInfo& m) { return m.obj_id == object.obj_id; });
       if (model == set.models().end()) {
-        throw Error(fmt::format("{}: {} has an object {} that models/ does not know", set.info().path, info.key(), object.obj_id));
+        throw Error(fmt::format("{}: {} has an object {} that models/ does not know", set.info().path, info.key(),
+                                object.obj_id));
       }
       meshes[object.obj_id] = mesh_of(*model);
     }
@@ -217,7 +131,8 @@ struct SceneForwardModel::Impl {
     scene.info = info;
     scene.reader = set.capture(info.key());
     if (const auto found = options.planes.find(info.key()); found != options.planes.end()) scene.planes = found->second;
-    if (const auto found = options.objects.find(info.key()); found != options.objects.end()) scene.extra_objects = found->second;
+    if (const auto found = options.objects.find(info.key()); found != options.objects.end())
+      scene.extra_objects = found->second;
     scene.posed = true;
     const double rate = set.info().sensor.frame_rate_hz.value_or(1.0);
     std::optional<Frame> first;
@@ -241,7 +156,8 @@ struct SceneForwardModel::Impl {
       if (header.objects) load_meshes(info, *header.objects);
     }
     scene.motion &= scene.posed;
-    if (scene.frames.empty() || (!scene.posed && scene.planes.empty() && scene.extra_objects.empty())) return std::nullopt;
+    if (scene.frames.empty() || (!scene.posed && scene.planes.empty() && scene.extra_objects.empty()))
+      return std::nullopt;
     return scene;
   }
 };
@@ -257,7 +173,8 @@ SceneForwardModel::SceneForwardModel(const RecordingSet& set, const SceneOptions
     }
   }
   if (impl_->scenes.empty()) {
-    throw Error(set.info().path + " cannot be simulated: no capture has poses (scene_gt.json) with meshes, and no plane was found");
+    throw Error(set.info().path +
+                " cannot be simulated: no capture has poses (scene_gt.json) with meshes, and no plane was found");
   }
 }
 
@@ -305,7 +222,8 @@ RenderScene SceneForwardModel::scene_at(int capture, double time_s, const Offset
 
   if (!offset.pose.isZero()) {
     Vector3 centroid = Vector3::Zero();
-    for (const SceneObject& object : result.objects) centroid += object.X_CO.translation() / static_cast<double>(result.objects.size());
+    for (const SceneObject& object : result.objects)
+      centroid += object.X_CO.translation() / static_cast<double>(result.objects.size());
     if (result.objects.empty()) {
       centroid = Vector3(0, 0, result.plane->offset_mm / result.plane->normal.z());  // where the optical axis meets it
     }
@@ -316,7 +234,8 @@ RenderScene SceneForwardModel::scene_at(int capture, double time_s, const Offset
   return result;
 }
 
-RenderRequest SceneForwardModel::request_for(int capture, int frame, const Offset& offset, const SensorModel& model) const {
+RenderRequest SceneForwardModel::request_for(int capture, int frame, const Offset& offset,
+                                             const SensorModel& model) const {
   RenderRequest request;
   request.camera = impl_->scenes.at(capture).header(frame).camera;
   if (model.camera_from == Given::written) {
@@ -324,30 +243,30 @@ RenderRequest SceneForwardModel::request_for(int capture, int frame, const Offse
     const bool same = m.width == request.camera.width && m.height == request.camera.height &&
                       std::abs(m.fx - request.camera.fx) <= 0.05 * request.camera.fx;
     if (!same) {
-      throw Error(fmt::format("{} was recorded with another camera than the model's: {} x {} px, f = {:.1f} px against {} x {} px, f = {:.1f} px",
-                              set().path, request.camera.width, request.camera.height, request.camera.fx, m.width, m.height, m.fx));
+      throw Error(fmt::format(
+          "{} was recorded with another camera than the model's: {} x {} px, f = {:.1f} px against {} x {} px, f = "
+          "{:.1f} px",
+          set().path, request.camera.width, request.camera.height, request.camera.fx, m.width, m.height, m.fx));
     }
   }
   request.camera.fx += offset.focal_px;
   request.camera.fy += offset.focal_px;
   request.camera.cx += offset.cx_px;
   request.camera.cy += offset.cy_px;
-  if (model.projector_known) request.projector_xyz_mm = model.projector_xyz_mm;
-  else if (model.projector_from == Given::recording) request.projector_xyz_mm = set().sensor.projector();
+  if (model.projector_known)
+    request.projector_xyz_mm = model.projector_xyz_mm;
+  else if (model.projector_from == Given::recording)
+    request.projector_xyz_mm = set().sensor.projector();
   request.reference_distance_mm = reference_distance_mm(model);
   return request;
 }
 
-std::shared_ptr<const Channels> SceneForwardModel::perfect(int capture, int frame, const Offset& offset, ChannelSet wanted,
-                                                           const SensorModel& model) const {
+std::shared_ptr<const Channels> SceneForwardModel::perfect(int capture, int frame, const Offset& offset,
+                                                           ChannelSet wanted, const SensorModel& model) const {
   RenderRequest request = request_for(capture, frame, offset, model);
   request.wanted = wanted | Channel::depth;
   const RenderScene scene = scene_at(capture, impl_->scenes[capture].times_s.at(frame), offset);
-  const std::string key = picture_key(scene, request);
-  if (auto found = impl_->cache.find(key, request.wanted)) return found;
-  auto channels = impl_->renderer->render(scene, request);
-  impl_->cache.add(key, request.wanted, channels);
-  return channels;
+  return impl_->cache.render(*impl_->renderer, scene, request);
 }
 
 void SceneForwardModel::simulate(const SimulationRequest& request, const FrameSink& sink) const {
@@ -361,7 +280,8 @@ void SceneForwardModel::simulate(const SimulationRequest& request, const FrameSi
   context.camera = nominal.camera;
   context.projector_xyz_mm = nominal.projector_xyz_mm;
   context.reference_distance_mm = nominal.reference_distance_mm;
-  context.depth_scale_mm = model.depth_scale_from == Given::written ? model.depth_scale_mm : scene.header(0).depth_scale_mm;
+  context.depth_scale_mm =
+      model.depth_scale_from == Given::written ? model.depth_scale_mm : scene.header(0).depth_scale_mm;
   context.frames = frames;
   context.power_on = scene.info.power_on;
   context.motion = scene.motion;
@@ -379,12 +299,9 @@ void SceneForwardModel::simulate(const SimulationRequest& request, const FrameSi
     other.camera.cy += request.offset.cy_px;
     if (view.projector_xyz_mm) other.projector_xyz_mm = view.projector_xyz_mm;
     other.wanted = view.wanted | Channel::depth;
-    const RenderScene moved_scene = scene_at(request.capture, view.time_s.value_or(scene.times_s[source]), request.offset);
-    const std::string key = picture_key(moved_scene, other);
-    if (auto found = impl_->cache.find(key, other.wanted)) return found;
-    auto channels = impl_->renderer->render(moved_scene, other);
-    impl_->cache.add(key, other.wanted, channels);
-    return channels;
+    const RenderScene moved_scene =
+        scene_at(request.capture, view.time_s.value_or(scene.times_s[source]), request.offset);
+    return impl_->cache.render(*impl_->renderer, moved_scene, other);
   };
 
   std::unique_ptr<dot_pattern::Instrument> instrument;
@@ -394,10 +311,12 @@ void SceneForwardModel::simulate(const SimulationRequest& request, const FrameSi
     dot_pattern::Geometry geometry;
     geometry.nominal = nominal.camera;
     geometry.actual = request_for(request.capture, 0, request.offset, model).camera;
-    if (!nominal.projector_xyz_mm) throw Error(set().path + ": the projector's place is unknown; write it in the model");
+    if (!nominal.projector_xyz_mm)
+      throw Error(set().path + ": the projector's place is unknown; write it in the model");
     geometry.second_view_mm = *nominal.projector_xyz_mm;
     const double z0 = nominal.reference_distance_mm;
-    geometry.range_mm = model.range_mm.value_or(set().sensor.range_mm.value_or(std::array<double, 2>{0.75 * z0, 1.25 * z0}));
+    geometry.range_mm =
+        model.range_mm.value_or(set().sensor.range_mm.value_or(std::array<double, 2>{0.75 * z0, 1.25 * z0}));
     geometry.reference_distance_mm = z0;
     geometry.depth_scale_mm = context.depth_scale_mm;
     geometry.seed = context.seed;

@@ -1,5 +1,5 @@
-// The forward model over a recording set: its meshes at their poses (and planes where there is no mesh), rendered, and the
-// sensor model put on top.
+// The forward model over a recording set: its meshes at their poses (and planes where there is no mesh), rendered, and
+// the sensor model put on top.
 //
 // Frames: C = camera, O = object. Offsets move everything in C about the targets' centroid.
 #pragma once
@@ -22,8 +22,8 @@ struct SceneOptions {
   std::map<std::string, std::vector<ScenePlane>> planes;
   /// Boxes and the like fitted to what has no mesh either, by capture key, fixed through the capture.
   std::map<std::string, std::vector<SceneObject>> objects;
-  bool with_ir = false;         ///< fill Frame::ir (16-bit counts)
-  std::size_t cache_mb = 600;   ///< bound of the cache of rendered channels
+  bool with_ir = false;        ///< fill Frame::ir (16-bit counts)
+  std::size_t cache_mb = 600;  ///< bound of the cache of rendered channels
 };
 
 class SceneForwardModel : public ForwardModel {

@@ -1,0 +1,88 @@
+#include "sim/channel_cache.h"
+
+#include <opencv2/core.hpp>
+
+namespace binrig {
+namespace {
+
+std::size_t bytes_of(const Channels& c) {
+  std::size_t total = 0;
+  for (const cv::Mat* image : {&c.depth_mm, &c.normal, &c.cos_incidence, &c.instance, &c.projector_gap_mm, &c.diffuse,
+                               &c.specular, &c.ir, &c.edge_px, &c.crease_px, &c.rgb}) {
+    total += image->total() * image->elemSize();
+  }
+  return total;
+}
+
+template <typename T>
+void append(std::string& key, const T& value) {
+  key.append(reinterpret_cast<const char*>(&value), sizeof(value));
+}
+
+void append(std::string& key, const Pose& pose) {
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 4; ++j) append(key, pose.matrix()(i, j));
+  }
+}
+
+}  // namespace
+
+std::string picture_key(const RenderScene& scene, const RenderRequest& request) {
+  std::string key;
+  for (const SceneObject& object : scene.objects) {
+    append(key, object.mesh.get());
+    append(key, object.X_CO);
+  }
+  if (scene.plane) {
+    for (int i = 0; i < 3; ++i) append(key, scene.plane->normal[i]);
+    append(key, scene.plane->offset_mm);
+    append(key, scene.plane->surface.albedo);
+  }
+  const Camera& c = request.camera;
+  for (double value : {c.fx, c.fy, c.cx, c.cy}) append(key, value);
+  append(key, c.width);
+  append(key, c.height);
+  for (double k : c.distortion) append(key, k);
+  if (request.projector_xyz_mm) {
+    for (int i = 0; i < 3; ++i) append(key, (*request.projector_xyz_mm)[i]);
+  }
+  append(key, request.reference_distance_mm);
+  return key;
+}
+
+std::shared_ptr<const Channels> ChannelCache::find(const std::string& key, ChannelSet wanted) {
+  const std::lock_guard lock(mutex_);
+  for (auto it = entries_.begin(); it != entries_.end(); ++it) {
+    if (it->key != key || (it->made & wanted) != wanted) continue;
+    entries_.splice(entries_.begin(), entries_, it);
+    return entries_.front().channels;
+  }
+  return nullptr;
+}
+
+void ChannelCache::add(const std::string& key, ChannelSet made, std::shared_ptr<const Channels> channels) {
+  const std::lock_guard lock(mutex_);
+  entries_.remove_if([&](const Entry& entry) {
+    const bool superseded = entry.key == key && (entry.made & made) == entry.made;
+    if (superseded) size_ -= entry.bytes;
+    return superseded;
+  });
+  const std::size_t bytes = bytes_of(*channels);
+  entries_.push_front({key, made, bytes, std::move(channels)});
+  size_ += bytes;
+  while (size_ > limit_ && entries_.size() > 1) {
+    size_ -= entries_.back().bytes;
+    entries_.pop_back();
+  }
+}
+
+std::shared_ptr<const Channels> ChannelCache::render(const Renderer& renderer, const RenderScene& scene,
+                                                     const RenderRequest& request) {
+  const std::string key = picture_key(scene, request);
+  if (auto found = find(key, request.wanted)) return found;
+  auto channels = renderer.render(scene, request);
+  add(key, request.wanted, channels);
+  return channels;
+}
+
+}  // namespace binrig
