@@ -266,6 +266,54 @@ std::shared_ptr<const Mesh> subdivided(const Mesh& mesh, std::size_t triangles) 
   return std::make_shared<const Mesh>(std::move(out));
 }
 
+std::shared_ptr<const Mesh> with_surface_beyond(const Mesh& mesh, const Vector3& n, double offset_mm,
+                                                const Surface& surface) {
+  Mesh out;
+  out.vertices = mesh.vertices;
+  out.surfaces = mesh.surfaces;
+  out.surfaces.push_back(surface);
+  out.name = mesh.name;
+  const auto other = static_cast<std::uint16_t>(mesh.surfaces.size());
+  const auto side = [&](std::uint32_t v) { return n.dot(out.vertices[v].cast<double>()) - offset_mm; };
+  std::unordered_map<std::uint64_t, std::uint32_t> cuts;
+  const auto cut = [&](std::uint32_t a, std::uint32_t b) {
+    const auto [low, high] = std::minmax(a, b);
+    const auto [it, is_new] =
+        cuts.try_emplace((std::uint64_t{low} << 32) | high, static_cast<std::uint32_t>(out.vertices.size()));
+    if (is_new) {
+      const double from = side(low), to = side(high);
+      const Vector3 p = out.vertices[low].cast<double>(), q = out.vertices[high].cast<double>();
+      out.vertices.push_back((p + (q - p) * (from / (from - to))).cast<float>());
+    }
+    return it->second;
+  };
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const std::uint16_t own = mesh.triangle_surface.empty() ? std::uint16_t{0} : mesh.triangle_surface[i];
+    const auto add = [&](const Triangle& t, bool beyond) {
+      out.triangles.push_back(t);
+      out.triangle_surface.push_back(beyond ? other : own);
+    };
+    Triangle t = mesh.triangles[i];
+    std::array<bool, 3> beyond{};
+    for (std::size_t k = 0; k < 3; ++k) beyond[k] = side(t[k]) > 0;
+    if (beyond[0] == beyond[1] && beyond[1] == beyond[2]) {
+      add(t, beyond[0]);
+      continue;
+    }
+    // Turned until its first corner is the one that is alone on its side.
+    while (beyond[1] != beyond[2]) {
+      std::rotate(t.begin(), t.begin() + 1, t.end());
+      std::rotate(beyond.begin(), beyond.begin() + 1, beyond.end());
+    }
+    const auto ab = cut(t[0], t[1]), ca = cut(t[2], t[0]);
+    add({t[0], ab, ca}, beyond[0]);
+    add({ab, t[1], t[2]}, beyond[1]);
+    add({ab, t[2], ca}, beyond[1]);
+  }
+  out.content_hash = hash_of(out);
+  return std::make_shared<const Mesh>(std::move(out));
+}
+
 double diameter_mm(const Mesh& mesh) {
   std::vector<Eigen::Vector3f> points = mesh.vertices;
   if (points.size() > 2000) {

@@ -47,6 +47,11 @@ std::shared_ptr<const Mesh> prism_mesh(const std::vector<Eigen::Vector2d>& outli
 /// The same surface in more triangles: each is cut into four until there are at least `triangles`.
 std::shared_ptr<const Mesh> subdivided(const Mesh& mesh, std::size_t triangles);
 
+/// The same solid with another surface where n . p > offset (mm, frame O): triangles that cross that plane are cut at
+/// it, so that the border is straight. The mesh stays watertight.
+std::shared_ptr<const Mesh> with_surface_beyond(const Mesh& mesh, const Vector3& n, double offset_mm,
+                                                const Surface& surface);
+
 /// Largest distance between two vertices (mm), as BOP defines a model's diameter. Exact, by the convex extremes along
 /// many directions for meshes of more than 2000 vertices (then to 0.1 %).
 double diameter_mm(const Mesh& mesh);

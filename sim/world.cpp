@@ -142,18 +142,8 @@ void read_surfaces(YamlMap& map, std::shared_ptr<const Mesh>& mesh) {
                                   std::to_string(changed.surfaces.size()) + " sub-meshes");
     return;
   }
-  if (!halves.empty() && changed.triangle_surface.empty()) changed.triangle_surface.assign(changed.triangles.size(), 0);
-  for (const auto& [surface, h] : halves) {
-    const auto index = static_cast<std::uint16_t>(changed.surfaces.size());
-    changed.surfaces.push_back(surface);
-    const Eigen::Vector3f normal = vector3(h).cast<float>();
-    for (std::size_t t = 0; t < changed.triangles.size(); ++t) {
-      const auto [a, b, c] = changed.triangles[t];
-      const Eigen::Vector3f centre = (changed.vertices[a] + changed.vertices[b] + changed.vertices[c]) / 3;
-      if (normal.dot(centre) > static_cast<float>(h[3])) changed.triangle_surface[t] = index;
-    }
-  }
   mesh = std::make_shared<const Mesh>(std::move(changed));
+  for (const auto& [surface, h] : halves) mesh = with_surface_beyond(*mesh, vector3(h), h[3], surface);
 }
 
 void read_symmetries(YamlMap& map, Symmetries& symmetries) {

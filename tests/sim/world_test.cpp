@@ -61,6 +61,8 @@ TEST(World, AHalfSpaceHasASurfaceOfItsOwn) {
   const World world = parse_world(good, "good.yaml");
   const Mesh& mesh = *world.parts[0].model.mesh;
   ASSERT_EQ(mesh.surfaces.size(), 2u);
+  EXPECT_TRUE(closedness(mesh).closed);
+  EXPECT_NEAR(closedness(mesh).volume_mm3, closedness(*part_model("cylinder").mesh).volume_mm3, 0.5);
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     float z = 0;
     for (const auto v : mesh.triangles[t]) z += mesh.vertices[v].z() / 3;
