@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
-#include <mutex>
+#include <set>
 
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
@@ -14,6 +14,7 @@
 #include "app/forward.h"
 #include "calib/plane_fit.h"
 #include "compare/fidelity_report.h"
+#include "compare/scene_report.h"
 #include "core/error.h"
 #include "core/parallel.h"
 #include "core/progress.h"
@@ -89,7 +90,7 @@ PlaneCapture measured_plane(const RecordingSet& set, const CaptureReader& captur
   cv::Mat region = set.info().region_masks ? marked_region(capture) : cv::Mat();
   const Frame header = capture.header(0);
   cv::Mat surface = first.depth_mm;
-  if (!simulated.set) {
+  if (simulated.forward.model && simulated.index(key) >= 0) {
     const auto perfect = simulated.forward.model->perfect(simulated.index(key), 0, Offset{},
                                                           static_cast<ChannelSet>(Channel::depth), simulated.model);
     const bool posed = header.objects && !header.objects->empty() && !set.models().empty();
@@ -121,9 +122,10 @@ std::map<std::string, double> read_limits(const std::string& path) {
   return limits;
 }
 
-Fidelity compare_planes(const RecordingSet& set, const Simulated& simulated, const std::vector<CaptureInfo>& planes) {
+std::vector<CaptureFidelity> compare_planes(const RecordingSet& set, const Simulated& simulated,
+                                            const std::vector<CaptureInfo>& planes) {
   std::vector<CaptureFidelity> results(planes.size());
-  Progress progress("comparing captures", static_cast<std::int64_t>(planes.size()));
+  Progress progress("comparing planes", static_cast<std::int64_t>(planes.size()));
   parallel_for(static_cast<int>(planes.size()), [&](int i) {
     const std::string key = planes[i].key();
     const CaptureReader capture = set.capture(key);
@@ -133,7 +135,72 @@ Fidelity compare_planes(const RecordingSet& set, const Simulated& simulated, con
     results[i] = compare_profiles(noise_profile(measured), noise_profile(other), key, planes[i].split == "test");
     progress.advance();
   });
-  return judge(std::move(results));
+  return results;
+}
+
+/// The model's steps: nothing but geometry, each effect that takes pixels away alone, and everything.
+std::vector<SensorModel> mask_models(const SensorModel& whole, const ForwardModel& forward,
+                                     std::vector<std::string>& names) {
+  SensorModel perfect = whole;
+  perfect.effects.clear();
+  std::set<std::string> inactive;
+  for (const auto& [id, why] : forward.inactive(whole)) inactive.insert(id);
+  std::vector<SensorModel> models{perfect};
+  names = {"perfect depth"};
+  for (const auto& instance : whole.effects) {
+    if (!instance.declaration(forward.catalogue()).reason || inactive.contains(instance.id)) continue;
+    models.push_back(perfect);
+    models.back().effects = {instance};
+    names.push_back(instance.id + " alone");
+  }
+  models.push_back(whole);
+  names.push_back("the whole model");
+  return models;
+}
+
+std::vector<SceneFidelity> compare_scenes(const RecordingSet& set, const Simulated& simulated,
+                                          const std::vector<CaptureInfo>& scenes) {
+  std::vector<SceneFidelity> results(scenes.size());
+  if (scenes.empty()) return results;
+  const ForwardModel& forward = *simulated.forward.model;
+  std::vector<std::string> names{"the simulated set"};
+  std::vector<SensorModel> models;
+  if (!simulated.set) models = mask_models(simulated.model, forward, names);
+  constexpr ChannelSet wanted = Channel::depth | Channel::normal | Channel::edge_distance;
+  Progress progress("comparing scenes", static_cast<std::int64_t>(scenes.size()));
+  parallel_for(static_cast<int>(scenes.size()), [&](int i) {
+    const std::string key = scenes[i].key();
+    const CaptureReader capture = set.capture(key);
+    const int index = simulated.index(key);
+    const auto perfect = [&](int frame) { return forward.perfect(index, frame, Offset{}, wanted, simulated.model); };
+    SceneComparison comparison(key, names, set.info().valid_region);
+    for (int f = 0; f < capture.size(); ++f) comparison.add_measured(capture.frame(f), *perfect(f));
+    if (simulated.set) {
+      const CaptureReader other = simulated.set->capture(key);
+      for (int f = 0; f < std::min(capture.size(), other.size()); ++f)
+        comparison.add_simulated(0, other.frame(f), capture.frame(f), *perfect(f));
+    }
+    for (std::size_t m = 0; m < models.size(); ++m) {
+      SimulationRequest request;
+      request.capture = index;
+      request.model = &models[m];
+      request.seed = simulated.seed;
+      forward.simulate(request, [&](const Frame& frame, int f) {
+        comparison.add_simulated(static_cast<int>(m), frame, capture.frame(f), *perfect(f));
+      });
+    }
+    results[i] = comparison.finish(simulated.seed);
+    results[i].name = capture.info().name;
+    results[i].held_out = scenes[i].split == "test";
+    progress.advance();
+  });
+  return results;
+}
+
+/// How far the median depth of a scene may be off: three times what is known of the poses, and never less than 0.1 %.
+std::optional<double> offset_tolerance(const SetInfo& info) {
+  if (info.poses_fitted_to_this_depth || !info.pose_sigma_mm) return std::nullopt;
+  return std::max(0.5, 3 * *info.pose_sigma_mm);
 }
 
 int compare(const CompareOptions& options) {
@@ -146,59 +213,84 @@ int compare(const CompareOptions& options) {
   Simulated simulated;
   simulated.seed = options.common.seed;
   std::vector<std::string> notes;
+  ForwardOptions forward;
+  forward.captures = options.captures;
   if (!options.simulated.empty()) {
     simulated.set = RecordingSet::open(options.simulated);
+    simulated.model = parse_sensor_model("name: perfect\n", "perfect", effect_catalogue());
+    try {
+      simulated.forward = open_forward_model(options.measured, forward);
+    } catch (const Error&) {
+      notes.push_back("The recording has no geometry that could be rendered: masks are not compared.");
+    }
   } else {
     simulated.model = read_sensor_model(options.model, effect_catalogue());
-    ForwardOptions forward;
-    forward.captures = options.captures;
     simulated.forward = open_forward_model(options.measured, forward);
-    notes = simulated.forward.notes;
+    const std::string projector = settle_projector(simulated.model, *simulated.forward.model);
+    if (!projector.empty()) notes.push_back(projector);
     for (const auto& [id, why] : simulated.forward.model->inactive(simulated.model))
       notes.push_back(id + " does not act here: " + why);
   }
+  notes.insert(notes.end(), simulated.forward.notes.begin(), simulated.forward.notes.end());
 
-  std::vector<CaptureInfo> planes;
-  const auto wanted = [&](const CaptureInfo& info) {
-    return options.captures.empty() ||
-           std::find(options.captures.begin(), options.captures.end(), info.key()) != options.captures.end();
-  };
+  std::vector<CaptureInfo> planes, scenes;
   for (const CaptureInfo& info : set.captures()) {
-    if (!wanted(info)) continue;
+    if (!options.captures.empty() &&
+        std::find(options.captures.begin(), options.captures.end(), info.key()) == options.captures.end())
+      continue;
     const CaptureReader capture = set.capture(info.key());
+    const bool renders = simulated.forward.model && simulated.index(info.key()) >= 0;
     if (!capture.has_depth() || capture.size() == 0) {
       notes.push_back(info.key() + " has no depth and was left out");
-    } else if (!simulated.set && simulated.index(info.key()) < 0) {
+    } else if (!renders && (!simulated.set || info.target == TargetKind::scene)) {
       notes.push_back(info.key() + " cannot be simulated and was left out");
-    } else if (info.target == TargetKind::plane) {
-      planes.push_back(info);
+    } else {
+      (info.target == TargetKind::plane ? planes : scenes).push_back(info);
     }
   }
-  if (planes.empty())
+  if (planes.empty() && scenes.empty())
     throw Error("nothing to compare in " + options.measured + (notes.empty() ? "" : ": " + notes.front()));
-  const Fidelity fidelity = compare_planes(set, simulated, planes);
+  auto plane_results = compare_planes(set, simulated, planes);
+  const auto scene_results = compare_scenes(set, simulated, scenes);
+  const auto pools = pool_scenes(scene_results, options.common.seed);
+  std::vector<Aspect> scene_questions;
+  for (const auto& scene : scene_results) {
+    const auto aspects = scene_aspects(scene, offset_tolerance(set.info()));
+    scene_questions.insert(scene_questions.end(), aspects.begin(), aspects.end());
+  }
+  const Fidelity fidelity = judge(std::move(plane_results), std::move(scene_questions));
   const auto broken = broken_limits(fidelity, limits);
 
-  const std::string name = simulated.set ? options.simulated : simulated.model.name;
+  const auto file_name = [](const std::string& path) { return std::filesystem::path(path).filename().string(); };
+  const std::string name = simulated.set ? file_name(options.simulated) : simulated.model.name;
   nlohmann::json json{
-      {"measured", options.measured}, {"simulated", options.simulated.empty() ? options.model : options.simulated},
-      {"seed", options.common.seed},  {"notes", notes},
-      {"broken_limits", broken},      {"planes", fidelity_json(fidelity)}};
+      {"measured", options.measured},      {"simulated", options.simulated.empty() ? options.model : options.simulated},
+      {"seed", options.common.seed},       {"notes", notes},
+      {"broken_limits", broken},           {"fidelity", fidelity_json(fidelity)},
+      {"scenes", nlohmann::json::array()}, {"masks", nlohmann::json::object()}};
+  for (const auto& scene : scene_results) json["scenes"].push_back(scene_json(scene));
+  for (const auto& pool : pools) {
+    for (const auto& score : pool.scores) json["masks"][pool.split].push_back(score_json(score));
+  }
+
   Page page("Fidelity of " + name, "Measured and simulated frames through the same statistics");
-  page.fact("measured", std::filesystem::path(options.measured).filename().string() +
-                            (set.info().sensor.name.empty() ? "" : " (" + set.info().sensor.name + ")"));
+  page.fact("measured",
+            file_name(options.measured) + (set.info().sensor.name.empty() ? "" : " (" + set.info().sensor.name + ")"));
   page.fact("simulated", simulated.set ? options.simulated : options.model);
-  page.fact("captures", fmt::format("{} of planes", planes.size()));
+  page.fact("captures", fmt::format("{} of planes, {} of scenes", planes.size(), scenes.size()));
   page.fact("seed", std::to_string(options.common.seed));
   draw_verdict(page, fidelity);
   if (!broken.empty())
     page.verdict(Mark::bad, fmt::format("{} of the limits asked for are not kept.", broken.size()), broken);
-  if (std::none_of(planes.begin(), planes.end(), [](const CaptureInfo& c) { return c.split == "test"; })) {
+  const auto held_out = [](const CaptureInfo& c) { return c.split == "test"; };
+  if (std::none_of(planes.begin(), planes.end(), held_out) && std::none_of(scenes.begin(), scenes.end(), held_out)) {
     page.note(
-        "This recording has no test captures: nothing here is held out, so a model fitted to it is judged on what it "
-        "was fitted to.");
+        "No test captures are compared here: nothing is held out, so a model fitted to these captures is judged on "
+        "what it was "
+        "fitted to.");
   }
   draw_fidelity(page, fidelity, options.detailed);
+  draw_scenes(page, scene_results, pools, options.detailed);
   if (!notes.empty()) {
     page.section("Notes");
     page.list(notes);
@@ -210,6 +302,15 @@ int compare(const CompareOptions& options) {
   } else {
     fmt::print("{}\n", fidelity.headline);
     for (const auto& reason : fidelity.reasons) fmt::print("  {}\n", reason);
+    for (const auto& pool : pools) {
+      for (const auto& score : pool.scores) {
+        fmt::print(
+            "  {}: {}: precision {:.3f}, recall {:.3f}, IoU {:.3f} ({:.3f} .. {:.3f}), unexplained {:.3f} ({:.3f} .. "
+            "{:.3f})\n",
+            pool.split, score.model, score.precision.value, score.recall.value, score.iou.value, score.iou.low,
+            score.iou.high, score.unexplained.value, score.unexplained.low, score.unexplained.high);
+      }
+    }
     for (const auto& limit : broken) fmt::print("limit not kept: {}\n", limit);
     fmt::print("{}\n", path);
   }

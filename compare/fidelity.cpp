@@ -223,30 +223,28 @@ CaptureFidelity compare_profiles(NoiseProfile measured, NoiseProfile simulated, 
   return out;
 }
 
-Fidelity judge(std::vector<CaptureFidelity> captures) {
+Fidelity judge(std::vector<CaptureFidelity> captures, std::vector<Aspect> others) {
   Fidelity out;
+  out.captures = std::move(captures);
+  out.others = std::move(others);
+  std::vector<Aspect*> asked_all;
+  for (auto& c : out.captures) {
+    for (auto& a : c.aspects) asked_all.push_back(&a);
+  }
+  for (auto& a : out.others) asked_all.push_back(&a);
   std::vector<double> raw;
-  for (const auto& c : captures) {
-    for (const auto& a : c.aspects) {
-      if (!std::isnan(a.raw_p)) raw.push_back(a.raw_p);
-    }
+  for (const Aspect* a : asked_all) {
+    if (!std::isnan(a->raw_p)) raw.push_back(a->raw_p);
   }
   const auto corrected = holm(raw);
   std::size_t k = 0;
   std::vector<std::string> order;
   std::map<std::string, std::vector<const Aspect*>> by_id;
-  for (auto& c : captures) {
-    for (auto& a : c.aspects) {
-      a.p_value = std::isnan(a.raw_p) ? no_test : corrected[k++];
-      a.agreement = judged(a);
-    }
-  }
-  out.captures = std::move(captures);
-  for (const auto& c : out.captures) {
-    for (const auto& a : c.aspects) {
-      if (!by_id.contains(a.id)) order.push_back(a.id);
-      by_id[a.id].push_back(&a);
-    }
+  for (Aspect* a : asked_all) {
+    a->p_value = std::isnan(a->raw_p) ? no_test : corrected[k++];
+    a->agreement = judged(*a);
+    if (!by_id.contains(a->id)) order.push_back(a->id);
+    by_id[a->id].push_back(a);
   }
   int differing = 0, open = 0;
   for (const auto& id : order) {
@@ -254,10 +252,10 @@ Fidelity judge(std::vector<CaptureFidelity> captures) {
     std::sort(all.begin(), all.end(), [](const Aspect* a, const Aspect* b) { return a->effect < b->effect; });
     Aspect typical = *all[all.size() / 2];
     typical.capture.clear();
-    typical.p_value = 1;
+    typical.p_value = no_test;
     int differ = 0, undecided = 0;
     for (const Aspect* a : all) {
-      if (!(a->p_value >= typical.p_value)) typical.p_value = a->p_value;
+      if (std::isnan(typical.p_value) || a->p_value < typical.p_value) typical.p_value = a->p_value;
       differ += a->agreement == Agreement::differs;
       undecided += a->agreement == Agreement::undecided;
     }
@@ -271,6 +269,10 @@ Fidelity judge(std::vector<CaptureFidelity> captures) {
     });
     std::string sentence = fmt::format("{}: measured {:.3g}, simulated {:.3g} {}, {}", worst->title, worst->measured,
                                        worst->simulated, worst->unit == "1" ? "" : worst->unit, effect_text(*worst));
+    if (std::isnan(worst->measured)) {
+      sentence =
+          fmt::format("{}: {:.0f} %, {:.0f} % would do", worst->title, 100 * worst->simulated, 100 * worst->tolerance);
+    }
     if (id == "spectrum")
       sentence =
           fmt::format("spectrum: only {:.0f} % of the frequencies lie within the 95 % band", 100 * worst->simulated);
@@ -312,16 +314,17 @@ std::vector<std::string> broken_limits(const Fidelity& fidelity, const std::map<
   for (const auto& [key, limit] : limits) {
     const std::string id = key == "spectrum_inside" ? "spectrum" : key;
     bool asked = false;
+    const auto check = [&, key = key, limit = limit](const Aspect& a) {
+      if (a.id != id) return;
+      asked = true;
+      const double value = key == "spectrum_inside" ? a.simulated : std::abs(a.effect);
+      const bool kept = key == "spectrum_inside" ? value >= limit : value <= limit;
+      if (!kept) broken.push_back(fmt::format("{}: {} is {:.3g}, the limit {:.3g}", a.capture, key, value, limit));
+    };
     for (const auto& c : fidelity.captures) {
-      for (const auto& a : c.aspects) {
-        if (a.id != id) continue;
-        asked = true;
-        if (key == "spectrum_inside" ? a.simulated < limit : !(std::abs(a.effect) <= limit)) {
-          broken.push_back(fmt::format("{}: {} is {:.3g}, the limit {:.3g}", c.capture, key,
-                                       key == "spectrum_inside" ? a.simulated : std::abs(a.effect), limit));
-        }
-      }
+      for (const auto& a : c.aspects) check(a);
     }
+    for (const auto& a : fidelity.others) check(a);
     if (asked) continue;
     const std::string near = nearest_word(key, known);
     violations.add("", key,
@@ -351,6 +354,11 @@ nlohmann::json fidelity_json(const Fidelity& f) {
   json out{{"verdict", agreement_name(f.verdict)}, {"headline", f.headline}, {"reasons", f.reasons}};
   out["aspects"] = json::array();
   for (const auto& a : f.overall) out["aspects"].push_back(aspect(a));
+  out["scene_aspects"] = json::array();
+  for (const auto& a : f.others) {
+    out["scene_aspects"].push_back(aspect(a));
+    out["scene_aspects"].back()["capture"] = a.capture;
+  }
   out["captures"] = json::array();
   for (const auto& c : f.captures) {
     json one{{"capture", c.capture}, {"held_out", c.held_out}};

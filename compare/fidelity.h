@@ -44,6 +44,7 @@ struct CaptureFidelity {
 
 struct Fidelity {
   std::vector<CaptureFidelity> captures;
+  std::vector<Aspect> others;  ///< asked of captures that are no planes (compare/scene_fidelity.h)
   /// Each aspect over all captures: the median effect; differs where it differs in any capture.
   std::vector<Aspect> overall;
   Agreement verdict = Agreement::undecided;
@@ -56,7 +57,7 @@ CaptureFidelity compare_profiles(NoiseProfile measured, NoiseProfile simulated, 
                                  bool held_out);
 
 /// Corrects, judges and words.
-Fidelity judge(std::vector<CaptureFidelity> captures);
+Fidelity judge(std::vector<CaptureFidelity> captures, std::vector<Aspect> others = {});
 
 /// Limits from a YAML file: aspect id -> largest |effect| accepted (the spectrum's: `spectrum_inside`, least share of
 /// frequencies in the band). Returns one sentence for each limit that is not kept; empty = all kept. Throws Error for

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <nlohmann/json.hpp>
 
@@ -157,6 +158,60 @@ SceneFidelity SceneComparison::finish(std::uint64_t seed) {
     scene.simulated_sigma_mm = impl_->simulated.maps->temporal_sigma_mm();
   }
   return scene;
+}
+
+std::vector<Aspect> scene_aspects(const SceneFidelity& scene, const std::optional<double>& offset_tolerance_mm) {
+  constexpr double no_test = std::numeric_limits<double>::quiet_NaN();
+  std::vector<Aspect> out;
+  const auto add = [&](const std::string& id, const std::string& title, const std::string& unit, double measured,
+                       double simulated, double effect, const std::string& effect_unit, double tolerance) -> Aspect& {
+    Aspect a{id, title, unit, measured, simulated, effect, effect_unit, tolerance};
+    a.raw_p = no_test;
+    a.capture = scene.capture;
+    out.push_back(a);
+    return out.back();
+  };
+  const auto relative = [](double m, double s) { return m > 0 ? s / m - 1 : 0; };
+  const MaskScore& score = scene.scores.back();
+  Aspect& missing = add("missing_share", "missing share of the surface", "1", score.missing_share,
+                        score.predicted_share, relative(score.missing_share, score.predicted_share), "relative", 0.25);
+  // Block by block, as missing pixels come in patches.
+  std::vector<double> differences;
+  double pixels = 0, total = 0, square = 0;
+  for (const auto& block : scene.tallies.back().blocks()) {
+    if (block.pixels <= 0) continue;
+    double predicted = 0;
+    for (const double p : block.predicted) predicted += p;
+    differences.push_back(predicted - block.missing);
+    total += differences.back();
+    pixels += block.pixels;
+  }
+  for (const double d : differences) square += std::pow(d - total / differences.size(), 2);
+  const double n = static_cast<double>(differences.size());
+  if (n >= 8 && square > 0) {
+    missing.degrees_of_freedom = n - 1;
+    missing.raw_p = student_two_sided(total / std::sqrt(square * n / (n - 1)), n - 1);
+  }
+  if (score.missing_share > 0) {
+    add("mask_unexplained", "missing pixels that no reason explains", "1", no_test, score.unexplained.value,
+        score.unexplained.value, "1", 0.25);
+  }
+  if (score.predicted_share > 0) {
+    add("mask_false", "pixels predicted missing that are measured", "1", no_test, 1 - score.precision.value,
+        1 - score.precision.value, "1", 0.25);
+  }
+  add("depth_spread", "spread of depth about the nominal scene", "mm", scene.measured.spread_mm,
+      scene.simulated.spread_mm, relative(scene.measured.spread_mm, scene.simulated.spread_mm), "relative", 0.25);
+  if (scene.frames > 1) {
+    add("scene_noise", "noise over time (median of pixels)", "mm", scene.measured.temporal_sigma_mm,
+        scene.simulated.temporal_sigma_mm,
+        relative(scene.measured.temporal_sigma_mm, scene.simulated.temporal_sigma_mm), "relative", 0.1);
+  }
+  if (offset_tolerance_mm) {
+    add("depth_offset", "median depth against the nominal scene", "mm", scene.measured.median_mm,
+        scene.simulated.median_mm, scene.simulated.median_mm - scene.measured.median_mm, "mm", *offset_tolerance_mm);
+  }
+  return out;
 }
 
 namespace {

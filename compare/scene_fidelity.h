@@ -2,13 +2,14 @@
 // have it.
 #pragma once
 
-#include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "compare/fidelity.h"
 #include "compare/masks.h"
 #include "compare/noise/pixel_maps.h"
 #include "core/channels.h"
@@ -57,6 +58,11 @@ class SceneComparison {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// What is asked of a scene: how much is missing, how much of it is explained, whether what is predicted missing is,
+/// how far depth scatters. `offset_tolerance_mm`: how far the median depth may be off; absent where the poses were
+/// fitted to this very depth or are not known well enough to ask.
+std::vector<Aspect> scene_aspects(const SceneFidelity& scene, const std::optional<double>& offset_tolerance_mm);
 
 nlohmann::json scene_json(const SceneFidelity& scene);
 nlohmann::json score_json(const MaskScore& score);
