@@ -42,6 +42,7 @@ class Calibration {
   Calibration(const CalibrateOptions& options)
       : options_(options),
         model_(read_sensor_model(options.model, effect_catalogue())),
+        original_(model_),
         planes_(open_plane_captures(options.measured, "")) {
     if (model_.dot_pattern)
       throw Error(options.model + " is a first-principles instrument without effects to calibrate");
@@ -88,17 +89,21 @@ class Calibration {
       if (o.instance == id && o.parameter == parameter) return true;
     return false;
   }
+  // What the model said at first, before the search for the noise moved it.
+  double before(const EffectInstance& i, const std::string& parameter) const {
+    const EffectInstance* original = original_.find(i.id);
+    return original == nullptr ? 0 : original->value(parameter);
+  }
   void set(EffectInstance& i, const std::string& parameter, double value, std::array<double, 2> ci95,
            const std::string& how) {
     const ParameterSpec* spec = i.declaration(effect_catalogue()).parameter(parameter);
     const double inside = std::clamp(value, spec->lower, spec->upper);
-    found_.push_back({i.id, parameter, spec->unit, how, i.value(parameter), {inside, ci95, provenance_}});
+    found_.push_back({i.id, parameter, spec->unit, how, before(i, parameter), {inside, ci95, provenance_}});
     i.values[parameter] = found_.back().value;
   }
 
   void steps() {
     double step = 0, scale = 0;
-    ValueLevels levels;
     double focal_baseline = 0;
     for (const CaptureNoise& c : train_) {
       step = step == 0 ? c.step_mm : std::min(step, c.step_mm);
@@ -349,7 +354,7 @@ class Calibration {
   }
 
   CalibrateOptions options_;
-  SensorModel model_;
+  SensorModel model_, original_;
   PlaneCaptures planes_;
   std::vector<CaptureNoise> train_, test_;
   FittedNoise fit_;

@@ -141,7 +141,7 @@ Correction correct_for_later_effects(SensorModel& model, EffectInstance& noise, 
   for (;; ++result.rounds) {
     spectrum.write(spectrum_path, provenance);
     noise.values["sigma"].value = std::sqrt(spectrum.variance_mm2());
-    const CaptureNoise made = simulated_noise(model, planes, anchor, fit, seed, 8);
+    const CaptureNoise made = simulated_noise(model, planes, anchor, fit, seed, fit.temporal ? 8 : 12);
     const SpectrumEstimate& estimate = fit.temporal ? *made.temporal : made.single;
     const cv::Mat seen = estimate.density(n, n);
     result.sigma_ratio = std::sqrt(estimate.variance_mm2() / wanted_level);
@@ -211,6 +211,13 @@ void run(const FitNoiseOptions& options) {
   const std::string stem = std::filesystem::path(options.out).stem().string();
   const std::string spectrum_file = stem + ".spectrum.json", spectrum_path = (folder / spectrum_file).string();
 
+  for (const auto& i : model.effects)
+    if (i.effect == "depth_units" && i.value("step") > 1.5 * fit.rounding_mm)
+      report.notes.push_back(
+          fmt::format("the model rounds to {:.3g} mm ({}), the recording to {:.3g} mm: its rounding is noise "
+                      "that no spectrum can take back",
+                      i.value("step"), i.id, fit.rounding_mm));
+
   EffectInstance* noise = &instance_of(model, "spectral_noise");
   const auto range = planes.set.info().sensor.range_mm;
   const double reference = model.reference_from == Given::written ? model.reference_distance_mm
@@ -240,7 +247,7 @@ void run(const FitNoiseOptions& options) {
   Progress progress("simulating the judged captures", static_cast<std::int64_t>(judged.size()));
   parallel_for(static_cast<int>(judged.size()), [&](int i) {
     const CaptureNoise& measured = judged[static_cast<std::size_t>(i)];
-    const int frames = fit.temporal && measured.temporal ? std::clamp(measured.frames_used, 2, 12) : 4;
+    const int frames = fit.temporal && measured.temporal ? std::clamp(measured.frames_used, 2, 12) : 12;
     auto& judgement = report.judgements[static_cast<std::size_t>(i)];
     judgement = judge_noise(fit, measured, simulated_noise(model, planes, measured, fit, options.common.seed, frames),
                             correction.relative_sd);

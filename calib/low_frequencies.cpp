@@ -62,30 +62,30 @@ LowFrequencies choose_drop_order(const std::vector<std::vector<double>>& powers,
   for (std::size_t i = 0; i < powers.size(); ++i)
     for (std::size_t o = 0; o < orders; ++o) pooled[o] += powers[i][o] / (sigma_mm[i] * sigma_mm[i]);
   const double level = 0.01 / (last - 1), captures = static_cast<double>(powers.size());
-  bool rising = true;
-  for (int o = 2; o <= last && rising; ++o) {
+  std::size_t decisive = 0;
+  for (int o = 2; o <= last; ++o) {
     double above = 0, functions = 0;
     for (int k = o + 1; k <= o + 3; ++k) above += (k + 1) * pooled[k], functions += k + 1;
     const double ratio = above > 0 ? pooled[o] / (above / functions) : 0;
-    const double p = f_upper(ratio, captures * (o + 1), captures * functions);
     result.order.push_back(o);
     result.ratio.push_back(ratio);
-    result.p_value.push_back(p);
-    rising = p < level;
-    if (rising) result.drop_order = o;
+    result.p_value.push_back(f_upper(ratio, captures * (o + 1), captures * functions));
+    if (result.p_value.back() < level) result.drop_order = o, decisive = result.order.size() - 1;
   }
-  result.plateau_found = !rising;
+  result.plateau_found = result.drop_order < last;
   if (result.drop_order == 1) {
+    const auto least = std::min_element(result.p_value.begin(), result.p_value.end()) - result.p_value.begin();
     result.reason = fmt::format(
-        "only the plane: the power of order 2 is {:.2f} times that of orders 3 to 5 (p = {:.2g}), no more than chance",
-        result.ratio[0], result.p_value[0]);
+        "only the plane: of orders 2 to {} none has more power than the three above it (order {} comes nearest: {:.2f} "
+        "times, "
+        "p = {:.2g} against {:.2g})",
+        last, result.order[least], result.ratio[least], result.p_value[least], level);
   } else if (result.plateau_found) {
     result.reason = fmt::format(
-        "orders up to {}: each has more power than the three above it (order {}: {:.1f} times, p = {:.1g}), order {} "
-        "has "
-        "not ({:.2f} times, p = {:.2g})",
-        result.drop_order, result.drop_order, result.ratio[result.ratio.size() - 2],
-        result.p_value[result.p_value.size() - 2], result.order.back(), result.ratio.back(), result.p_value.back());
+        "orders up to {}: it is the last with more power than the three above it ({:.1f} times, p = {:.1g}); from "
+        "order {} on "
+        "the density is level",
+        result.drop_order, result.ratio[decisive], result.p_value[decisive], result.drop_order + 1);
   } else {
     result.reason = fmt::format(
         "orders up to {}, the largest tried, where the power still rises towards low frequencies ({:.1f} times, p = "

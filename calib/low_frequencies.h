@@ -3,8 +3,9 @@
 // Sun et al. 2009 drop "the low frequencies" by hand: a board is not flat, a lens is not perfect. Here a test decides.
 // The residual's coefficients in an orthonormal polynomial basis (polynomial_basis.h) all have the variance S(f) of the
 // noise at their frequency; the noise's density is flat below the inverse of its correlation length, shape rises
-// steeply towards order 0. So, order by order from the lowest: is the mean square of this order's coefficients larger
-// than that of the next three orders (F test)? The first order that is not larger ends it.
+// steeply towards order 0. So, order by order:
+// is the mean square of its coefficients larger than that of the next three orders (F test, corrected for the number of
+// orders)? The last order for which it is, and all below it, are dropped.
 #pragma once
 
 #include <string>

@@ -294,6 +294,10 @@ NoiseJudgement judge_noise(const FittedNoise& fit, const CaptureNoise& measured,
   const double by_law = fit.law.fitted ? fit.law.variance_at(j.distance_mm, j.incidence_rad) /
                                              fit.law.variance_at(fit.anchor_mm, fit.anchor_incidence_rad)
                                        : 1;
+  if (fit.temporal && !temporal)
+    j.why.push_back(
+        "this capture is a single frame: its fixed pattern and shape cannot be taken out, while the fitted noise is "
+        "what changes between frames (--noise frame fits single frames)");
   if (!j.sigma_ok) {
     const double needed = std::log(std::pow(j.sigma_measured_mm / j.sigma_simulated_mm, 2));
     const double explained = std::log(by_law) / needed;

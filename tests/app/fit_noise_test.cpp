@@ -1,0 +1,169 @@
+// binrig fit-noise and calibrate, as a user runs them, on planes with a known noise.
+#include <cmath>
+#include <fstream>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
+
+#include "app/plane_simulation.h"
+#include "core/recording_writer.h"
+#include "sim/effect.h"
+#include "tests/support/program.h"
+#include "tests/support/recordings.h"
+
+namespace binrig {
+namespace {
+
+using nlohmann::json;
+using test::run_binrig;
+
+json read_json(const std::string& path) {
+  std::ifstream file(path);
+  return json::parse(file);
+}
+
+// A set of planes seen by a sensor whose model is known: three distances to fit on, one held out.
+void write_planes(const std::string& folder, const std::string& model_text, int frames) {
+  const SensorModel model = parse_sensor_model(model_text, "test", effect_catalogue());
+  SetInfo info;
+  info.sensor.name = "test sensor";
+  info.sensor.projector_xyz_mm = Vector3(80, 0, 0);
+  info.sensor.range_mm = {600, 1000};
+  RecordingWriter writer(folder, info);
+  const auto record = [&](const std::string& split, int id, double distance, std::uint64_t seed) {
+    PlaneSimulation plane;
+    plane.camera = camera_from_field_of_view(200, 150, 0.5);
+    plane.normal = Vector3(0.1, 0, -std::sqrt(0.99));
+    plane.offset_mm = plane.normal.z() * distance;
+    plane.projector_xyz_mm = info.sensor.projector_xyz_mm;
+    plane.reference_distance_mm = 800;
+    plane.depth_scale_mm = 0.02;
+    plane.frames = frames;
+    plane.seed = seed;
+    plane.capture = split + std::to_string(id);
+    writer.begin_capture({split, id, "plane", TargetKind::plane, frames, false});
+    simulate_plane(model, plane)([&](const Frame& frame, int number) {
+      Frame stamped = frame;
+      stamped.sequence = number;
+      stamped.time_s = 0.1 * number;
+      writer.write(stamped);
+    });
+    writer.finish_capture();
+  };
+  record("train", 1, 700, 1);
+  record("train", 2, 800, 2);
+  record("train", 3, 900, 3);
+  record("test", 1, 760, 4);
+}
+
+const char* truth =
+    "name: truth\ncamera: recording\nprojector: recording\ndepth_scale: recording\neffects:\n"
+    "  - spectral_noise: {sigma: 0.3, correlation_length: 0.9, white_share: 0.2}\n";
+const char* start =
+    "name: start\ncamera: recording\nprojector: recording\ndepth_scale: recording\neffects:\n"
+    "  - spectral_noise: {sigma: 0.6, correlation_length: 2.5, white_share: 0.5}\n"
+    "  - smoothing: {sigma: 0}\n";
+
+class FitNoiseVerb : public testing::Test {
+ protected:
+  void SetUp() override { std::ofstream(folder / "start.yaml") << start; }
+  test::ScratchFolder folder;
+};
+
+TEST_F(FitNoiseVerb, FindsTheNoiseAndItHoldsOnAHeldOutCapture) {
+  write_planes(folder / "set", truth, 4);
+  const test::Run run =
+      run_binrig("fit-noise --quiet --measured " + (folder / "set") + " --model " + (folder / "start.yaml") +
+                 " --out " + (folder / "out/fitted.yaml") + " --report " + (folder / "report"));
+  ASSERT_EQ(run.status, 0) << run.output;
+  const json found = read_json(folder / "report/report.json");
+  EXPECT_NEAR(found["fit"]["sigma_mm"], 0.3, 0.01) << run.output;
+  const json& judged = found["judgements"].at(0);
+  EXPECT_EQ(judged["capture"], "test/1");
+  EXPECT_TRUE(judged["passed"]) << run.output;
+  EXPECT_FALSE(judged["in_sample"]);
+  EXPECT_TRUE(judged["strawman"]["fails"]);
+  const SensorModel fitted = read_sensor_model(folder / "out/fitted.yaml", effect_catalogue());
+  const EffectInstance* noise = fitted.find("spectral_noise");
+  ASSERT_NE(noise, nullptr);
+  EXPECT_NEAR(noise->value("sigma"), 0.3, 0.01);
+  EXPECT_TRUE(noise->values.at("sigma").ci95.has_value());
+  EXPECT_EQ(noise->options.at("spectrum"), "fitted.spectrum.json");
+  std::ifstream page(folder / "report/report.html");
+  EXPECT_TRUE(page.good());
+}
+
+TEST_F(FitNoiseVerb, TheDensityMakesUpForAFilterThatActsAfterTheNoise) {
+  write_planes(folder / "set", truth, 4);
+  std::ofstream(folder / "filter.yaml")
+      << "name: filter\neffects:\n  - spectral_noise: {sigma: 0.6}\n  - smoothing: {sigma: 0.5}\n";
+  const test::Run run = run_binrig("fit-noise --quiet --json --measured " + (folder / "set") + " --model " +
+                                   (folder / "filter.yaml") + " --out " + (folder / "fitted.yaml"));
+  ASSERT_EQ(run.status, 0) << run.output;
+  const json found = json::parse(run.output);
+  EXPECT_GT(found["model_sigma_mm"], 0.33);
+  EXPECT_TRUE(found["judgements"].at(0)["passed"]) << found["judgements"].at(0).dump(1);
+}
+
+TEST_F(FitNoiseVerb, OneFrameOnlyIsSaidToBeAnUpperBound) {
+  write_planes(folder / "set", truth, 1);
+  const test::Run run = run_binrig("fit-noise --quiet --measured " + (folder / "set") + " --model " +
+                                   (folder / "start.yaml") + " --out " + (folder / "fitted.yaml"));
+  ASSERT_EQ(run.status, 0) << run.output;
+  EXPECT_NE(run.output.find("upper bound"), std::string::npos);
+  const test::Run asked = run_binrig("fit-noise --quiet --noise temporal --measured " + (folder / "set") + " --model " +
+                                     (folder / "start.yaml") + " --out " + (folder / "fitted.yaml"));
+  EXPECT_EQ(asked.status, 2);
+  EXPECT_NE(asked.output.find("more than one frame"), std::string::npos) << asked.output;
+}
+
+TEST_F(FitNoiseVerb, BadInputIsStatusTwoWithOneClearError) {
+  const auto fails = [&](const std::string& arguments, const std::string& words) {
+    const test::Run run = run_binrig("fit-noise --quiet --out " + (folder / "o.yaml") + " " + arguments);
+    EXPECT_EQ(run.status, 2) << arguments;
+    EXPECT_NE(run.output.find(words), std::string::npos) << run.output;
+  };
+  fails("--measured " + (folder / "nowhere") + " --model " + (folder / "start.yaml"), "nowhere");
+  write_planes(folder / "set", truth, 1);
+  fails("--measured " + (folder / "set") + " --capture train/9 --model " + (folder / "start.yaml"), "train/9");
+  fails("--measured " + (folder / "set") + " --model " + (folder / "absent.yaml"), "absent.yaml");
+  std::ofstream(folder / "typo.yaml") << "name: typo\neffects:\n  - spectral_noise: {sigmma: 0.6}\n";
+  fails("--measured " + (folder / "set") + " --model " + (folder / "typo.yaml"), "sigmma");
+  EXPECT_FALSE(std::ifstream(folder / "o.yaml").good());
+}
+
+TEST_F(FitNoiseVerb, CalibrateFindsParametersAndNamesTheOthers) {
+  write_planes(folder / "set",
+               "name: truth\ncamera: recording\nprojector: recording\ndepth_scale: recording\neffects:\n"
+               "  - spectral_noise: {sigma: 0.3, correlation_length: 0.9, white_share: 0.2}\n"
+               "  - depth_units: {step: 0.1}\n",
+               4);
+  std::ofstream(folder / "ordered.yaml")
+      << "name: start\nprojector: recording\neffects:\n"
+         "  - depth_offset: {offset: 0}\n  - spectral_noise: {sigma: 0.6, correlation_length: 2.5, white_share: 0.5}\n"
+         "  - random_dropout: {rate: 0.001}\n  - depth_units: {step: 0.7}\n";
+  const test::Run run = run_binrig("calibrate --quiet --json --measured " + (folder / "set") + " --model " +
+                                   (folder / "ordered.yaml") + " --out " + (folder / "calibrated.yaml"));
+  ASSERT_EQ(run.status, 0) << run.output;
+  const json found = json::parse(run.output);
+  std::map<std::string, json> values;
+  for (const auto& p : found["parameters"])
+    values[p["instance"].get<std::string>() + "." + p["parameter"].get<std::string>()] = p;
+  EXPECT_NEAR(values["spectral_noise.sigma"]["value"], 0.3, 0.01);
+  EXPECT_NEAR(values["spectral_noise.correlation_length"]["value"], 0.9, 0.05);
+  EXPECT_NEAR(values["spectral_noise.white_share"]["value"], 0.2, 0.04);
+  EXPECT_NEAR(values["depth_units.step"]["value"], 0.1, 1e-9);
+  bool offset_open = false, dropout_open = false;
+  for (const auto& o : found["not_determined"]) {
+    offset_open |= o["instance"] == "depth_offset";
+    dropout_open |= o["instance"] == "random_dropout";
+  }
+  EXPECT_TRUE(offset_open) << "there is no pose in this set";
+  EXPECT_TRUE(dropout_open);
+  EXPECT_NEAR(read_sensor_model(folder / "calibrated.yaml", effect_catalogue()).find("depth_units")->value("step"), 0.1,
+              1e-9);
+}
+
+}  // namespace
+}  // namespace binrig
