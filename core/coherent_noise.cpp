@@ -5,6 +5,7 @@
 #include <opencv2/core.hpp>
 
 #include "core/error.h"
+#include "core/parallel.h"
 
 namespace binrig {
 namespace {
@@ -75,7 +76,7 @@ void CoherentNoise::add(const Lattice& lattice, const RandomStream& stream, cv::
   cv::polarToCart(length, turns, gx, gy, true);
 
   // Along a row each cell is linear in s on its left and on its right node, so only the easing is left per pixel.
-  for (int row = 0; row < rows_; ++row) {
+  const auto add_row = [&](int row) {
     const int j = y.cell[row];
     const float t = y.place[row], w = y.ease[row];
     const float *gx0 = gx.ptr<float>(j), *gx1 = gx.ptr<float>(j + 1);
@@ -92,6 +93,11 @@ void CoherentNoise::add(const Lattice& lattice, const RandomStream& stream, cv::
               right);
       begin = end;
     }
+  };
+  if (rows_ * cols_ > 100'000) {  // below, threads cost more than they save
+    parallel_for(rows_, add_row);
+  } else {
+    for (int row = 0; row < rows_; ++row) add_row(row);
   }
 }
 

@@ -17,6 +17,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/error.h"
+#include "core/parallel.h"
 #include "core/recording_writer.h"
 
 namespace binrig {
@@ -347,8 +348,11 @@ void NoiseSynthesis::synthesise(const RandomStream& stream, cv::Mat& noise_mm) c
     cv::Mat draws(rows, half, CV_32F);
     stream.fill_uniform(draws);
     const float* draw = draws.ptr<float>();
-    for (std::size_t k = 0; k < spectrum.size(); ++k)
-      spectrum[k] = magnitude_[k] * circle[std::min(static_cast<int>(draw[k] * phases), phases - 1)];
+    parallel_for(rows, [&](int row) {
+      const std::size_t begin = static_cast<std::size_t>(row) * half;
+      for (std::size_t k = begin; k < begin + half; ++k)
+        spectrum[k] = magnitude_[k] * circle[std::min(static_cast<int>(draw[k] * phases), phases - 1)];
+    });
   }
   // A real field: in the columns that are their own mirror, row -k is the conjugate of row k, and what mirrors onto
   // itself is real.

@@ -2,6 +2,8 @@
 
 #include <cmath>
 #include <filesystem>
+#include <limits>
+#include <vector>
 
 #include "core/error.h"
 
@@ -31,22 +33,29 @@ void add_noise_to_depth(Layers& layers) {
 void store(Layers& layers, double depth_scale_mm) {
   const bool steps = depth_scale_mm > 0;
   const double per_mm = steps ? 1.0 / depth_scale_mm : 1.0;
+  const float highest = static_cast<float>(steps ? 65536.0 * depth_scale_mm : std::numeric_limits<float>::max());
+  constexpr auto out_of_range = static_cast<std::uint8_t>(Reason::out_of_range);
+  constexpr auto unknown = static_cast<std::uint8_t>(Reason::unknown);
   for_rows(layers.depth_mm.size(), [&](int first, int last) {
+    std::vector<float> stored(layers.depth_mm.cols);
     for (int row = first; row < last; ++row) {
       float* z = layers.depth_mm.ptr<float>(row);
       std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
-      for (int col = 0; col < layers.depth_mm.cols; ++col) {
-        float stored = 0.f;
-        if (reason[col] == 0) {
-          const double value = steps ? std::floor(z[col] * per_mm + 0.5) : static_cast<double>(z[col]);
-          const bool kept = value > 0 && (steps ? value <= 65535.0 : std::isfinite(value));
-          if (kept) {
-            stored = static_cast<float>(steps ? value * depth_scale_mm : value);
-          } else {
-            reason[col] = static_cast<std::uint8_t>(std::isnan(z[col]) ? Reason::unknown : Reason::out_of_range);
-          }
+      const int cols = layers.depth_mm.cols;
+      // Depths that cannot be kept become 0 here; the clamp keeps the conversion to integers defined.
+      for (int col = 0; col < cols; ++col) {
+        const float clamped = z[col] > 0.f ? (z[col] < highest ? z[col] : 0.f) : 0.f;
+        if (steps) {
+          const int value = static_cast<int>(clamped * per_mm + 0.5);
+          stored[col] = static_cast<float>((value <= 65535 ? value : 0) * depth_scale_mm);
+        } else {
+          stored[col] = clamped;
         }
-        z[col] = stored;
+      }
+      for (int col = 0; col < cols; ++col) {
+        const std::uint8_t lost = z[col] == z[col] ? out_of_range : unknown;
+        reason[col] = reason[col] == 0 && stored[col] == 0.f ? lost : reason[col];
+        z[col] = reason[col] == 0 ? stored[col] : 0.f;
       }
     }
   });
@@ -68,6 +77,7 @@ struct SensorRun::Impl {
   };
   double depth_scale_mm = 0;
   std::vector<std::unique_ptr<Step>> steps;  // a Run may keep a reference to its context
+  cv::Mat sigma_scale, noise_mm;             // memory that every frame begins anew with
   std::vector<std::pair<std::string, std::string>> inactive;
 };
 
@@ -114,8 +124,12 @@ Frame SensorRun::frame(const Channels& channels, const FrameInstant& instant) {
   Layers layers;
   layers.depth_mm = channels.depth_mm.clone();
   const cv::Size size = layers.depth_mm.size();
-  layers.sigma_scale = cv::Mat(size, CV_32F, cv::Scalar(1));
-  layers.noise_mm = cv::Mat::zeros(size, CV_32F);
+  impl_->sigma_scale.create(size, CV_32F);
+  impl_->noise_mm.create(size, CV_32F);
+  layers.sigma_scale = impl_->sigma_scale;
+  layers.noise_mm = impl_->noise_mm;
+  layers.sigma_scale.setTo(1);
+  layers.noise_mm.setTo(0);
   layers.reason.create(size, CV_8U);
   for_rows(size, [&](int first, int last) {
     for (int row = first; row < last; ++row) {

@@ -5,6 +5,8 @@
 //
 // g differs from exp(-x) by at most 0.018 and needs no exponential per pixel. Invalid pixels have no weight: OpenCV's
 // filter would mix their zeros into their neighbours.
+#include <algorithm>
+
 #include <opencv2/core.hpp>
 
 #include "sim/effect.h"
@@ -21,33 +23,66 @@ struct Kernel {
   float inverse;               ///< 1 / (32 sigma_z^2)
 };
 
-void filter_row(const Kernel& kernel, const cv::Mat& padded, int row, int cols, float* sum, float* weight, float* out) {
-  const int width = 2 * kernel.radius + 1;
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__)
+// Eight pixels at a time where the machine can. No fused multiply-add: the bytes are the same on every machine.
+#define BINRIG_WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define BINRIG_WIDE
+#endif
+
+/// One row of a window `Width` pixels wide (0: known only at run time), summed over its rows. Deviations from the
+/// centre are summed, which keeps float precision at any distance.
+template <int Width>
+[[gnu::always_inline]] inline void filter_row_of(const Kernel& kernel, const cv::Mat& padded, int row, int cols,
+                                                 float* sum, float* weight) {
+  const int width = Width > 0 ? Width : 2 * kernel.radius + 1;
   const float* centre = padded.ptr<float>(row + kernel.radius) + kernel.radius;
-  // The centre itself has weight 1; deviations from it are summed, which keeps float precision at any distance.
-  for (int col = 0; col < cols; ++col) {
-    sum[col] = 0.f;
-    weight[col] = 1.f;
-  }
+  const float inverse = kernel.inverse;
   for (int j = 0; j < width; ++j) {
-    for (int i = 0; i < width; ++i) {
-      if (i == kernel.radius && j == kernel.radius) continue;
-      const float* z = padded.ptr<float>(row + j) + i;
-      const float spatial = kernel.spatial[j * width + i], inverse = kernel.inverse;
-      for (int col = 0; col < cols; ++col) {
-        const float step = z[col] - centre[col];
+    const float* z = padded.ptr<float>(row + j);
+    const float* spatial = kernel.spatial.data() + j * width;
+    for (int col = 0; col < cols; ++col) {
+      const float here = centre[col];
+      float total = 0.f, steps = 0.f;
+      for (int i = 0; i < width; ++i) {
+        const float step = z[col + i] - here;
         float g = 1.f - step * step * inverse;
         g = g > 0.f ? g : 0.f;
         g *= g;
         g *= g;
         g *= g;
         g *= g;
-        g *= spatial;
-        weight[col] += g;
-        sum[col] += g * step;
+        g *= spatial[i];
+        total += g;
+        steps += g * step;
       }
+      weight[col] += total;
+      sum[col] += steps;
     }
   }
+}
+
+BINRIG_WIDE void filter_row(const Kernel& kernel, const cv::Mat& padded, int row, int cols, float* sum, float* weight,
+                            float* out) {
+  std::fill(sum, sum + cols, 0.f);
+  std::fill(weight, weight + cols, 0.f);
+  switch (kernel.radius) {
+    case 1:
+      filter_row_of<3>(kernel, padded, row, cols, sum, weight);
+      break;
+    case 2:
+      filter_row_of<5>(kernel, padded, row, cols, sum, weight);
+      break;
+    case 3:
+      filter_row_of<7>(kernel, padded, row, cols, sum, weight);
+      break;
+    case 4:
+      filter_row_of<9>(kernel, padded, row, cols, sum, weight);
+      break;
+    default:
+      filter_row_of<0>(kernel, padded, row, cols, sum, weight);
+  }
+  const float* centre = padded.ptr<float>(row + kernel.radius) + kernel.radius;
   for (int col = 0; col < cols; ++col) out[col] = centre[col] + sum[col] / weight[col];
 }
 

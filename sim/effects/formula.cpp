@@ -17,6 +17,7 @@
 #include <set>
 
 #include <muParser.h>
+#include <omp.h>
 
 #include "core/error.h"
 #include "sim/effect.h"
@@ -86,7 +87,11 @@ class RowEvaluator {
   std::vector<double>& operator[](Variable variable) { return values_[variable]; }
   void fill(Variable variable, double value) { std::fill(values_[variable].begin(), values_[variable].end(), value); }
   const std::vector<double>& evaluate() {
+    // muParser would start threads of its own for every row; ours already share the rows out.
+    const int threads = omp_get_max_threads();
+    omp_set_num_threads(1);
     parser_.Eval(result_.data(), cols_);
+    omp_set_num_threads(threads);
     return result_;
   }
 

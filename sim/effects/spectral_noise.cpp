@@ -167,12 +167,14 @@ class SpectralNoiseRun : public Run {
 
   void apply(Layers& layers, const Channels&, const FrameInstant& instant) override {
     synthesis_->synthesise(context_.draws(instant.number), field_);
-    for (int row = 0; row < field_.rows; ++row) {
-      const float* field = field_.ptr<float>(row);
-      const float* scale = layers.sigma_scale.ptr<float>(row);
-      float* noise = layers.noise_mm.ptr<float>(row);
-      for (int col = 0; col < field_.cols; ++col) noise[col] += field[col] * scale[col];
-    }
+    for_rows(field_.size(), [&](int first, int last) {
+      for (int row = first; row < last; ++row) {
+        const float* field = field_.ptr<float>(row);
+        const float* scale = layers.sigma_scale.ptr<float>(row);
+        float* noise = layers.noise_mm.ptr<float>(row);
+        for (int col = 0; col < field_.cols; ++col) noise[col] += field[col] * scale[col];
+      }
+    });
   }
 
  private:
