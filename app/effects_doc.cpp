@@ -22,7 +22,7 @@ namespace {
 constexpr int frames = 5;
 constexpr double frame_period_s = 0.1;
 
-Camera gallery_camera() { return camera_from_field_of_view(256, 192, 0.55); }
+Camera gallery_camera() { return camera_from_field_of_view(240, 180, 0.46); }
 const Vector3 gallery_projector(80, 0, 0);
 
 /// A plane tilted by 25 degrees with three patches of other albedo.
@@ -108,13 +108,13 @@ EffectInstance strong_instance(const EffectDeclaration& effect) {
   return instance;
 }
 
-/// The noise that stands beside every effect: enough where it is noise that the effect acts on.
+/// The noise that stands beside an effect: none, but where it is noise that the effect acts on.
 EffectInstance base_noise(const EffectDeclaration& beside) {
   const bool acts_on_noise =
       beside.stage == Stage::amplitude || beside.stage == Stage::spatial || beside.stage == Stage::temporal;
   EffectInstance instance = initial_instance(*effect_catalogue().find("spectral_noise"));
   instance.id = "base_noise";
-  instance.values.at("sigma").value = acts_on_noise ? 0.5 : 0.05;
+  instance.values.at("sigma").value = acts_on_noise ? 0.5 : 0;
   return instance;
 }
 
@@ -174,9 +174,9 @@ cv::Mat error_picture(const Shot& shot, double limit) {
       const int reason = shot.frame.reason.at<std::uint8_t>(row, col);
       const double error = shot.frame.depth_mm.at<float>(row, col) - shot.channels->depth_mm.at<float>(row, col);
       const int level = static_cast<int>(std::clamp(127.5 + 127.5 * error / limit, 0.0, 255.0));
-      // 64 levels are enough to the eye and halve the file.
+      // 32 levels are enough to the eye and keep the file small.
       picture.at<cv::Vec3b>(row, col) = reason ? rgb(reason_categories()[reason].colour)
-                                               : rgb(scale_colours(ColourScale::diverging)[level / 4 * 4 + 2]);
+                                               : rgb(scale_colours(ColourScale::diverging)[level / 8 * 8 + 4]);
     }
   }
   return picture;
@@ -202,7 +202,7 @@ cv::Mat relief_picture(const Shot& shot) {
       Vector3 normal(0.5 * (step(0, 1) - step(0, -1)) / pixel_mm, 0.5 * (step(1, 0) - step(-1, 0)) / pixel_mm, -1);
       normal.normalize();
       const double light = std::max(0.0, normal.dot(Vector3(-0.45, -0.45, -0.77)));
-      const int grey = static_cast<int>(40 + 200 * light) / 6 * 6;
+      const int grey = static_cast<int>(40 + 200 * light) / 8 * 8;
       picture.at<cv::Vec3b>(row, col) = cv::Vec3b(grey, grey, grey);
     }
   }
@@ -228,8 +228,13 @@ double error_limit(const Shot& shot) {
   return 10 * decade;
 }
 
-/// Four panels: above the plane's error, below the bin in relief; left without the effect, right with it.
-double write_picture(const EffectDeclaration& effect, const Renderer& renderer, const std::string& path) {
+/// What the colours of the error pictures mean, mm.
+struct Limits {
+  double plane_mm, bin_mm;
+};
+
+/// Six panels: the plane's error, the bin's error, the bin in relief; left without the effect, right with it.
+Limits write_picture(const EffectDeclaration& effect, const Renderer& renderer, const std::string& path) {
   const bool motion = effect.needs.motion || effect.stage == Stage::temporal;
   const int shown = effect.needs.power_on ? 0 : effect.name == "frame_repeat" ? 1 : frames - 1;
   const double speed = motion ? 120 : 0;  // mm/s
@@ -238,27 +243,29 @@ double write_picture(const EffectDeclaration& effect, const Renderer& renderer, 
   const EffectInstance noise = base_noise(effect);
   std::vector<EffectInstance> without{noise}, with{noise, strong_instance(effect)};
   if (effect.name == "spectral_noise") with = {strong_instance(effect)};
-  if (effect.name == "hole_filling") {
-    EffectInstance shadow = initial_instance(*effect_catalogue().find("projector_shadow"));
+  if (effect.may_clear && effect.stage == Stage::spatial) {  // fills holes: there must be some
+    const EffectInstance shadow = initial_instance(*effect_catalogue().find("projector_shadow"));
     without.insert(without.begin(), shadow);
     with.insert(with.begin(), shadow);
   }
   if (effect.name == "frame_repeat") with.back().values.at("probability").value = 1;
-  const Shot plane_with = shoot(with, renderer, plane, effect.needs.motion, shown);
-  const double limit = error_limit(plane_with);
-  cv::Mat upper, lower, all;
-  cv::hconcat(error_picture(shoot(without, renderer, plane, effect.needs.motion, shown), limit),
-              error_picture(plane_with, limit), upper);
-  cv::hconcat(relief_picture(shoot(without, renderer, bin, motion, shown)),
-              relief_picture(shoot(with, renderer, bin, motion, shown)), lower);
-  cv::vconcat(upper, lower, all);
-  all.row(all.rows / 2).setTo(cv::Scalar(255, 255, 255));
-  all.col(all.cols / 2).setTo(cv::Scalar(255, 255, 255));
+  const Shot plane_without = shoot(without, renderer, plane, motion, shown);
+  const Shot plane_with = shoot(with, renderer, plane, motion, shown);
+  const Shot bin_without = shoot(without, renderer, bin, motion, shown);
+  const Shot bin_with = shoot(with, renderer, bin, motion, shown);
+  const Limits limits{error_limit(plane_with), error_limit(bin_with)};
+  cv::Mat rows[3], all;
+  cv::hconcat(error_picture(plane_without, limits.plane_mm), error_picture(plane_with, limits.plane_mm), rows[0]);
+  cv::hconcat(error_picture(bin_without, limits.bin_mm), error_picture(bin_with, limits.bin_mm), rows[1]);
+  cv::hconcat(relief_picture(bin_without), relief_picture(bin_with), rows[2]);
+  cv::vconcat(rows, 3, all);
+  for (const int border : {all.rows / 3, 2 * all.rows / 3}) all.row(border).setTo(cv::Scalar(120, 120, 120));
+  all.col(all.cols / 2).setTo(cv::Scalar(120, 120, 120));
   cv::cvtColor(all, all, cv::COLOR_RGB2BGR);
   std::vector<std::uint8_t> png;
   cv::imencode(".png", all, png, {cv::IMWRITE_PNG_COMPRESSION, 9});
   write_file_atomically(path, png.data(), png.size());
-  return limit;
+  return limits;
 }
 
 std::string parameter_row(const ParameterSpec& spec, const EffectDeclaration& effect) {
@@ -269,12 +276,13 @@ std::string parameter_row(const ParameterSpec& spec, const EffectDeclaration& ef
                      spec.neutral ? number_text(*spec.neutral) : "", spec.meaning);
 }
 
-std::string section(const EffectDeclaration& effect, double limit_mm) {
+std::string section(const EffectDeclaration& effect, const Limits& limits) {
   std::string text = fmt::format("### {}\n\n{}\n\n", effect.name, effect.phenomenon);
   text += fmt::format("    {}\n\n", effect.formula);
   text += fmt::format(
-      "![{0}: a plane and a bin, without and with it](effects/{0}.png)\n\nColours of the plane: ±{1} mm.\n\n",
-      effect.name, number_text(limit_mm));
+      "![{0}: a plane and a bin, without and with it](effects/{0}.png)\n\nColours: the plane ±{1} mm, the bin ±{2} "
+      "mm.\n\n",
+      effect.name, number_text(limits.plane_mm), number_text(limits.bin_mm));
   if (!effect.parameters.empty()) {
     text += "| parameter | unit | typical | bounds | absent at | meaning |\n|---|---|---|---|---|---|\n";
     for (const ParameterSpec& spec : effect.parameters) text += parameter_row(spec, effect);
@@ -309,16 +317,14 @@ void write_effects_page(const std::string& folder) {
       "Written by `binrig effects --markdown docs` from the effects' declarations.\n\n"
       "A sensor model lists effects; they act on the perfect depth of a scene in the order of their stages, and inside "
       "a "
-      "stage in the order of the model file. A file that orders them against the stages is refused. Each picture: "
-      "above, "
-      "the depth error of a plane tilted by 25 degrees, 800 mm away, with three patches of other albedo (blue too "
-      "near, red "
-      "too far); below, a bin under a lamp, as a viewer of point clouds shows it; left without the effect, right with "
-      "it at "
-      "the strong end of its typical range. Invalid pixels have the colour of their reason. Everything carries a "
-      "little "
-      "noise; for effects that act on noise, more of it. Temporal effects are shown on a bin that moves to the "
-      "right.\n\n"
+      "stage in the order of the model file. A file that orders them against the stages is refused.\n\n"
+      "Each picture has three rows: the depth error of a plane 800 mm away, tilted by 25 degrees, with three patches "
+      "of "
+      "other albedo (blue too near, red too far); the depth error of a bin; the same bin under a lamp, as a viewer of "
+      "point clouds shows it. Left without the effect, right with it at the strong end of its typical range. Invalid "
+      "pixels have the colour of their reason. Effects that act on noise have noise beside them; temporal ones are "
+      "shown "
+      "on a bin that moves to the right.\n\n"
       "In the tables `*` marks the parameter that says how strong the effect is; *absent at* is the value at which it "
       "changes nothing.\n\n";
   std::map<Stage, std::vector<const EffectDeclaration*>> stages;
@@ -332,8 +338,8 @@ void write_effects_page(const std::string& folder) {
   for (const auto& [stage, effects] : stages) {
     text += fmt::format("\n## Stage: {}\n\n", stage_name(stage));
     for (const EffectDeclaration* effect : effects) {
-      const double limit = write_picture(*effect, *renderer, folder + "/effects/" + effect->name + ".png");
-      text += section(*effect, limit);
+      const Limits limits = write_picture(*effect, *renderer, folder + "/effects/" + effect->name + ".png");
+      text += section(*effect, limits);
     }
   }
   write_file_atomically(folder + "/effects.md", text);

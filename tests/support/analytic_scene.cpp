@@ -71,7 +71,7 @@ AnalyticScene mixed_scene() {
   scene.plane_offset_mm = scene.plane_normal.z() * 800;
   scene.plane_surface = {0.5, 0.2, 5};
   scene.box = {Vector3(-180, -90, 700), Vector3(-60, 60, 900)};
-  scene.box_surface = {0.08, 0.1, 20};
+  scene.box_surface = {0.04, 0.1, 20};
   scene.sphere = AnalyticScene::Sphere{Vector3(110, 20, 720), 70};
   scene.sphere_surface = {0.4, 0.95, 12};
   return scene;
