@@ -10,10 +10,19 @@
 
 namespace binrig {
 
-/// replay:SET[#split/id][?rate=real|max&loop=0|1]     a recording (all captures in turn without #)
-/// sim:SET?model=M.yaml[&seed=N][#split/id]            the scenes of a recording set, simulated
 /// Throws Error for an unknown scheme or option (listing the known ones), or what the source itself throws.
 std::unique_ptr<FrameSource> open_source(const std::string& uri);
+
+/// sim:WORLD.yaml[?bin=N&seed=N]. Throws Error likewise.
+std::unique_ptr<Bin> open_bin(const std::string& uri);
+
+/// Sources and bins of one world: what a bin does, the next frame shows.
+struct Cell {
+  std::vector<std::unique_ptr<FrameSource>> sources;  ///< one for each sensor of the world
+  std::vector<std::unique_ptr<Bin>> bins;
+};
+/// sim:WORLD.yaml[?model=M.yaml&seed=N]. Throws Error likewise; a recording has no bin to command.
+Cell open_cell(const std::string& uri);
 
 /// Schemes that open_source knows, with a line about each.
 struct Scheme {

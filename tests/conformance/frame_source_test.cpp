@@ -36,9 +36,16 @@ std::string recorded(const test::ScratchFolder& folder) {
 }
 
 std::vector<Kind> kinds() {
+  const std::string root = BINRIG_SOURCE_DIR;
   return {
       {"replay", [](const auto& folder) { return "replay:" + recorded(folder) + "?rate=max"; }},
       {"replay_capture", [](const auto& folder) { return "replay:" + recorded(folder) + "#train/2"; }},
+      {"simulated_set",
+       [=](const auto&) { return "sim:" + root + "/fixtures/recorded/campaign-clean#train/6?model=" + root + "/models/thesis-five.yaml"; }},
+      {"simulated_world",
+       [=](const auto&) {
+         return "sim:" + root + "/worlds/parts-on-a-table.yaml?frames=2&scenes=2&model=" + root + "/models/itri-2014.yaml";
+       }},
       {"replay_real_time", [](const auto& folder) { return "replay:" + recorded(folder) + "#train/1?rate=real"; }},
   };
 }
@@ -155,6 +162,26 @@ TEST(Replay, ALateFrameIsATimeoutNotAnError) {
   EXPECT_EQ(difference(*patient, test::full_frame(11)), "");
 }
 
+// Sources and bin of a cell share one world: the light that the bin switches off darkens the camera's next picture.
+TEST(Cell, WhatTheBinDoesTheCameraSeesNext) {
+  const std::string root = BINRIG_SOURCE_DIR;
+  Cell cell = open_cell("sim:" + root + "/worlds/cylinder-9.yaml?model=" + root + "/models/itri-2014.yaml");
+  ASSERT_EQ(cell.bins.size(), 1u);
+  ASSERT_GE(cell.sources.size(), 1u);
+  FrameSource& camera = *cell.sources[0];
+  camera.start();
+  const Frame before = *camera.next(5s), still = *camera.next(5s);
+  ASSERT_EQ(before.objects->size(), 9u);
+  for (std::size_t i = 0; i < 9; ++i) EXPECT_EQ((*before.objects)[i].X_CO.matrix(), (*still.objects)[i].X_CO.matrix());
+  cell.bins[0]->command({BinCommand::Kind::shake, 1});
+  const Frame after = *camera.next(5s);
+  double moved_mm = 0;
+  for (std::size_t i = 0; i < std::min(before.objects->size(), after.objects->size()); ++i) {
+    moved_mm = std::max(moved_mm, distance_between_mm((*before.objects)[i].X_CO, (*after.objects)[i].X_CO));
+  }
+  EXPECT_GT(moved_mm, 1);
+}
+
 TEST(Open, WhatIsWrongIsSaid) {
   const auto text_of = [](const std::string& uri) -> std::string {
     try {
@@ -172,6 +199,12 @@ TEST(Open, WhatIsWrongIsSaid) {
   EXPECT_NE(text_of("replay:" + set + "?rate=fast").find("real, max"), std::string::npos);
   EXPECT_NE(text_of("replay:" + set + "#train/9").find("train/1, train/2"), std::string::npos);
   EXPECT_NE(text_of("replay:" + set + "#nine").find("SPLIT/ID"), std::string::npos);
+  EXPECT_NE(text_of("sim:" + set).find("model"), std::string::npos);
+  EXPECT_NE(text_of("sim:nowhere.yaml").find("nowhere.yaml"), std::string::npos);
+  const std::string world = std::string(BINRIG_SOURCE_DIR) + "/worlds/parts-on-a-table.yaml";
+  EXPECT_NE(text_of("sim:" + world + "?seed=seven").find("whole number"), std::string::npos);
+  EXPECT_NE(text_of("sim:" + world + "?sensor=9").find("0 .. "), std::string::npos);
+  EXPECT_NE(text_of("sim:" + world + "?seeed=7").find("did you mean seed"), std::string::npos);
 }
 
 }  // namespace
