@@ -7,8 +7,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <list>
-#include <optional>
+#include <numeric>
+#include <unordered_map>
+#include <vector>
 
 #define GL_GLEXT_PROTOTYPES
 #include <GL/osmesa.h>
@@ -19,6 +22,7 @@
 #include "core/error.h"
 #include "core/parallel.h"
 #include "sim/offscreen_gl.h"
+#include "sim/part_models.h"
 #include "sim/shading.h"
 
 namespace binrig {
@@ -56,6 +60,29 @@ struct Picture {
   const cv::Vec2i& at(int row, int col) const { return seen.at<cv::Vec2i>(row, col); }
 };
 
+/// +1 (-1) where every connected piece of the mesh is closed and has a positive (negative) volume; else 0.
+int outside_of(const Mesh& mesh) {
+  if (!closedness(mesh).closed) return 0;
+  std::vector<std::uint32_t> root(mesh.vertices.size());
+  std::iota(root.begin(), root.end(), 0u);
+  const auto find = [&](std::uint32_t v) {
+    while (root[v] != v) v = root[v] = root[root[v]];
+    return v;
+  };
+  for (const auto& t : mesh.triangles) {
+    root[find(t[0])] = find(t[1]);
+    root[find(t[1])] = find(t[2]);
+  }
+  std::unordered_map<std::uint32_t, double> volumes;
+  for (const auto& t : mesh.triangles) {
+    const Vector3 a = mesh.vertices[t[0]].cast<double>();
+    volumes[find(t[0])] += a.dot(mesh.vertices[t[1]].cast<double>().cross(mesh.vertices[t[2]].cast<double>()));
+  }
+  int positive = 0, negative = 0;
+  for (const auto& [piece, volume] : volumes) (volume > 0 ? positive : negative) += 1;
+  return negative == 0 ? 1 : positive == 0 ? -1 : 0;
+}
+
 class Rasteriser {
  public:
   static Rasteriser& instance() {
@@ -69,6 +96,7 @@ class Rasteriser {
     if (program_ == 0) start();
     size_targets(raster);
     glViewport(0, 0, raster.width, raster.height);
+    glScissor(0, 0, raster.width, raster.height);  // for clearing
     const unsigned nothing[4] = {0, 0, 0, 0};
     glClearBufferuiv(GL_COLOR, 0, nothing);
     const float farthest = 0.f;
@@ -84,7 +112,9 @@ class Rasteriser {
     clip(3, 2) = 1;
     for (std::size_t i = 0; i < scene.objects.size(); ++i) {
       const Buffers& buffers = buffers_of(*scene.objects[i].mesh);
-      const Eigen::Matrix4f clip_from_O = (clip * (X_FC * scene.objects[i].X_CO).matrix()).cast<float>();
+      const Pose X_FO = X_FC * scene.objects[i].X_CO;
+      cull(buffers, X_FO);
+      const Eigen::Matrix4f clip_from_O = (clip * X_FO.matrix()).cast<float>();
       glUniformMatrix4fv(matrix_place_, 1, GL_FALSE, clip_from_O.data());
       glUniform1ui(object_place_, static_cast<unsigned>(i + 1));
       glBindVertexArray(buffers.array);
@@ -102,7 +132,23 @@ class Rasteriser {
     std::uint64_t key = 0;
     unsigned array = 0, vertices = 0, triangles = 0;
     int indices = 0;
+    int outside = 0;  // +1, -1: closed, wound counter-clockwise (clockwise) seen from outside; 0: open
+    Eigen::Vector3f low, high;
   };
+
+  // From outside of a closed mesh its back faces are never seen: half of the work.
+  static void cull(const Buffers& buffers, const Pose& X_FO) {
+    const Eigen::Vector3f eye = X_FO.inverse().translation().cast<float>();
+    const bool within = (eye.array() > buffers.low.array()).all() && (eye.array() < buffers.high.array()).all();
+    if (buffers.outside == 0 || within) {
+      glDisable(GL_CULL_FACE);
+      return;
+    }
+    glEnable(GL_CULL_FACE);
+    // The picture's y points down, and so does the window's here: what turns one way in space turns the other way on
+    // it.
+    glFrontFace(buffers.outside > 0 ? GL_CW : GL_CCW);
+  }
 
   void start() {
     program_ = OffscreenGl::program(vertex_shader, fragment_shader);
@@ -111,6 +157,7 @@ class Rasteriser {
     glGenFramebuffers(1, &frame_);
     glGenRenderbuffers(2, targets_);
     glEnable(GL_DEPTH_TEST);
+    glEnable(GL_SCISSOR_TEST);
     glDepthFunc(GL_GREATER);
     // libOSMesa does not export this one.
     const auto clip_control = reinterpret_cast<PFNGLCLIPCONTROLPROC>(OSMesaGetProcAddress("glClipControl"));
@@ -119,23 +166,25 @@ class Rasteriser {
     glPixelStorei(GL_PACK_ALIGNMENT, 4);
   }
 
+  // Both pictures of a frame share one target, which only grows.
   void size_targets(const Raster& raster) {
     glBindFramebuffer(GL_FRAMEBUFFER, frame_);
-    if (raster.width == width_ && raster.height == height_) return;
+    if (raster.width <= width_ && raster.height <= height_) return;
+    const int width = std::max(width_, raster.width), height = std::max(height_, raster.height);
     width_ = height_ = 0;
     glBindRenderbuffer(GL_RENDERBUFFER, targets_[0]);
-    glRenderbufferStorage(GL_RENDERBUFFER, GL_RG32UI, raster.width, raster.height);
+    glRenderbufferStorage(GL_RENDERBUFFER, GL_RG32UI, width, height);
     glBindRenderbuffer(GL_RENDERBUFFER, targets_[1]);
-    glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT32F, raster.width, raster.height);
+    glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT32F, width, height);
     glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, targets_[0]);
     glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, targets_[1]);
     if (glCheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) {
-      throw Error("OpenGL: no picture of " + std::to_string(raster.width) + " x " + std::to_string(raster.height) +
-                  " pixels on " + gl_.driver());
+      throw Error("OpenGL: no picture of " + std::to_string(width) + " x " + std::to_string(height) + " pixels on " +
+                  gl_.driver());
     }
     check_gl("a picture's memory");
-    width_ = raster.width;
-    height_ = raster.height;
+    width_ = width;
+    height_ = height;
   }
 
   const Buffers& buffers_of(const Mesh& mesh) {
@@ -146,7 +195,11 @@ class Rasteriser {
         return cache_.front();
       }
     }
-    Buffers buffers{key, 0, 0, 0, static_cast<int>(mesh.triangles.size() * 3)};
+    Buffers buffers;
+    buffers.key = key;
+    buffers.indices = static_cast<int>(mesh.triangles.size() * 3);
+    buffers.outside = outside_of(mesh);
+    mesh.bounds(buffers.low, buffers.high);
     glGenVertexArrays(1, &buffers.array);
     glBindVertexArray(buffers.array);
     glGenBuffers(1, &buffers.vertices);
@@ -248,8 +301,11 @@ class Rasterising final : public Visibility {
   cv::Mat gaps(const Vector3& light_mm, const cv::Mat& rays, const cv::Mat& depth_mm, const FirstHits& hits) override {
     cv::Mat gap = cv::Mat::zeros(rays.size(), CV_32F);
     const Eigen::Matrix3d towards = facing_points(light_mm, rays, depth_mm);
+    const int points = cv::countNonZero(depth_mm);
+    int done = 0;
     for (const Eigen::Matrix3d& turn : cube_faces()) {
-      face_gaps(light_mm, turn * towards, rays, depth_mm, hits, gap);
+      if (done >= points) break;
+      done += face_gaps(light_mm, turn * towards, rays, depth_mm, hits, gap);
     }
     return gap;
   }
@@ -356,64 +412,81 @@ class Rasterising final : public Visibility {
     return faces;
   }
 
-  static bool on_face(const Vector3& p) { return p.z() > 0 && std::abs(p.x()) <= p.z() && std::abs(p.y()) <= p.z(); }
+  template <typename Vector>
+  static bool on_face(const Vector& p) {
+    return p.z() > 0 && std::abs(p.x()) <= p.z() && std::abs(p.y()) <= p.z();
+  }
 
-  // The gaps of the points that lie on one face of the cube. R_LC: from the camera's axes to the face's.
-  void face_gaps(const Vector3& light, const Eigen::Matrix3d& R_LC, const cv::Mat& rays, const cv::Mat& depth_mm,
-                 const FirstHits& hits, cv::Mat& gap) const {
-    const auto point = [&](int row, int col) {
-      const double z = depth_mm.at<float>(row, col);
-      const auto& ray = rays.at<cv::Vec2f>(row, col);
-      return Vector3(ray[0] * z - light.x(), ray[1] * z - light.y(), z - light.z());
+  // The gaps of the points that lie on one face of the cube, and how many there are. R_LC: from the camera's axes to
+  // the face's.
+  int face_gaps(const Vector3& light, const Eigen::Matrix3d& R_LC, const cv::Mat& rays, const cv::Mat& depth_mm,
+                const FirstHits& hits, cv::Mat& gap) const {
+    const Eigen::Matrix3f R = R_LC.cast<float>();
+    const Eigen::Vector3f l = light.cast<float>();
+    // Where in the map: single precision is a hundredth of a texel.
+    const auto direction = [&](const cv::Vec2f& ray, float z, float& x, float& y) {
+      const Eigen::Vector3f p = R * Eigen::Vector3f(ray[0] * z - l.x(), ray[1] * z - l.y(), z - l.z());
+      const float inverse = 1.f / p.z();
+      x = p.x() * inverse;
+      y = p.y() * inverse;
+      return on_face(p);
     };
     struct Bounds {
-      double x_min = 2, x_max = -2, y_min = 2, y_max = -2;
+      float x_min = 2, x_max = -2, y_min = 2, y_max = -2;
+      int points = 0;
     };
     std::vector<Bounds> of_rows(static_cast<std::size_t>(rays.rows));
     for_rows(rays.rows, [&](int row) {
-      Bounds& b = of_rows[static_cast<std::size_t>(row)];
+      Bounds b;
+      const auto* depth = depth_mm.ptr<float>(row);
+      const auto* ray = rays.ptr<cv::Vec2f>(row);
       for (int col = 0; col < rays.cols; ++col) {
-        if (depth_mm.at<float>(row, col) <= 0.f) continue;
-        const Vector3 p = R_LC * point(row, col);
-        if (!on_face(p)) continue;
-        const double x = p.x() / p.z(), y = p.y() / p.z();
+        float x, y;
+        if (depth[col] <= 0.f || !direction(ray[col], depth[col], x, y)) continue;
         b.x_min = std::min(b.x_min, x);
         b.x_max = std::max(b.x_max, x);
         b.y_min = std::min(b.y_min, y);
         b.y_max = std::max(b.y_max, y);
+        ++b.points;
       }
+      of_rows[static_cast<std::size_t>(row)] = b;
     });
     Bounds all;
     for (const Bounds& b : of_rows) {
       all = {std::min(all.x_min, b.x_min), std::max(all.x_max, b.x_max), std::min(all.y_min, b.y_min),
-             std::max(all.y_max, b.y_max)};
+             std::max(all.y_max, b.y_max), all.points + b.points};
     }
-    if (all.x_min > all.x_max) return;  // nothing on this face
+    if (all.points == 0) return 0;
     const Raster raster = fitted(all.x_min, all.x_max, all.y_min, all.y_max,
-                                 map_oversampling * camera_.width / std::max(all.x_max - all.x_min, 1e-6),
-                                 map_oversampling * camera_.height / std::max(all.y_max - all.y_min, 1e-6));
+                                 map_oversampling * camera_.width / std::max(all.x_max - all.x_min, 1e-6f),
+                                 map_oversampling * camera_.height / std::max(all.y_max - all.y_min, 1e-6f));
     Pose X_LC = Pose::Identity();
     X_LC.linear() = R_LC;
     X_LC.translation() = -(R_LC * light);
     const Picture map = Rasteriser::instance().draw(scene_, X_LC, raster);
     for_rows(rays.rows, [&](int row) {
       PlacedCache placed;
+      const auto* depth = depth_mm.ptr<float>(row);
+      const auto* ray = rays.ptr<cv::Vec2f>(row);
+      const auto* object = hits.object.ptr<std::uint16_t>(row);
+      const auto* triangle = hits.triangle.ptr<std::int32_t>(row);
+      auto* out = gap.ptr<float>(row);
       for (int col = 0; col < rays.cols; ++col) {
-        if (depth_mm.at<float>(row, col) <= 0.f) continue;
-        const Vector3 p = point(row, col);
-        const Vector3 p_L = R_LC * p;
-        if (!on_face(p_L)) continue;
-        const cv::Vec2i own(hits.object.at<std::uint16_t>(row, col), hits.triangle.at<std::int32_t>(row, col));
-        const std::array<cv::Vec2i, 4> seen = around(map, p_L.x() / p_L.z(), p_L.y() / p_L.z());
-        gap.at<float>(row, col) = point_gap(seen, p, own, light, placed);
+        float x, y;
+        if (depth[col] <= 0.f || !direction(ray[col], depth[col], x, y)) continue;
+        const cv::Vec2i own(object[col], triangle[col]);
+        const std::array<cv::Vec2i, 4> seen = around(map, x, y);
+        if (own[0] != 0 && seen[0] == own && seen[1] == own && seen[2] == own && seen[3] == own) continue;
+        const double z = depth[col];
+        out[col] = point_gap(seen, Vector3(ray[col][0] * z, ray[col][1] * z, z) - light, light, placed);
       }
     });
+    return all.points;
   }
 
   /// p: the point in the camera's axes, from the light.
-  float point_gap(const std::array<cv::Vec2i, 4>& seen, const Vector3& p, const cv::Vec2i& own, const Vector3& light,
+  float point_gap(const std::array<cv::Vec2i, 4>& seen, const Vector3& p, const Vector3& light,
                   PlacedCache& placed) const {
-    if (own[0] != 0 && seen[0] == own && seen[1] == own && seen[2] == own && seen[3] == own) return 0.f;
     const double length = p.norm();
     double behind_met = -1, behind_least = std::numeric_limits<double>::infinity();
     for (std::size_t k = 0; k < 4; ++k) {
