@@ -74,7 +74,7 @@ Plot over_distance(const Fidelity& fidelity, const std::string& name, const std:
   plot.x_label = "distance (mm)";
   plot.y_label = label;
   plot.log_y = log_y;
-  Curve m{"measured", {}, {}, Ink::measured, Stroke::points}, s{"simulated", {}, {}, Ink::simulated, Stroke::points};
+  Curve m{"measured", {}, {}, Ink::measured, Stroke::points}, s{"simulated", {}, {}, Ink::simulated, Stroke::rings};
   for (const auto& c : fidelity.captures) {
     m.x.push_back(c.measured.distance_mm);
     m.y.push_back((c.measured.*member).value);

@@ -117,17 +117,4 @@ std::vector<double> holm(const std::vector<double>& p_values) {
   return corrected;
 }
 
-void wilson_interval(double hits, double n, double& low, double& high) {
-  if (n <= 0) {
-    low = 0;
-    high = 1;
-    return;
-  }
-  constexpr double z = 1.959964;
-  const double p = hits / n, centre = (p + z * z / (2 * n)) / (1 + z * z / n);
-  const double half = z / (1 + z * z / n) * std::sqrt(p * (1 - p) / n + z * z / (4 * n * n));
-  low = std::max(0.0, centre - half);
-  high = std::min(1.0, centre + half);
-}
-
 }  // namespace binrig

@@ -45,7 +45,4 @@ double student_threshold(double p, double degrees_of_freedom);
 /// at `level` (S. Holm, "A simple sequentially rejective multiple test procedure", 1979).
 std::vector<double> holm(const std::vector<double>& p_values);
 
-/// Least shares of a binomial: Wilson's 95 % interval of `hits` in `n`.
-void wilson_interval(double hits, double n, double& low, double& high);
-
 }  // namespace binrig

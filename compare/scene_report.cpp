@@ -11,7 +11,7 @@ namespace binrig {
 namespace {
 
 std::string with_interval(const ShareInterval& s) {
-  return fmt::format("{:.1f} % ({:.1f} .. {:.1f})", 100 * s.value, 100 * s.low, 100 * s.high);
+  return fmt::format("{:.1f}\u00a0% ({:.0f}\u2013{:.0f})", 100 * s.value, 100 * s.low, 100 * s.high);
 }
 
 Table score_table(const std::vector<MaskScore>& scores, const std::string& caption) {
@@ -162,11 +162,14 @@ std::vector<ScenePool> pool_scenes(const std::vector<SceneFidelity>& scenes, std
 }
 
 std::string mask_sentence(const MaskScore& s) {
+  if (s.missing_share == 0)
+    return "No pixel of the surface is missing in the measurement; " + percent(s.predicted_share) +
+           " are in the simulation.";
   return fmt::format(
-      "{} of the surface is missing in the measurement and {} in the simulation. {} explains {:.0f} % of the missing "
-      "pixels, {:.0f} % "
-      "({:.0f} .. {:.0f}) no reason explains; of the pixels that it predicts missing, {:.0f} % are.",
-      percent(s.missing_share), percent(s.predicted_share), s.model, 100 * s.recall.value, 100 * s.unexplained.value,
+      "Missing in the measurement: {} of the surface; in the simulation: {}. Of the missing pixels {:.0f} % are "
+      "explained by a "
+      "reason, {:.0f} % ({:.0f} to {:.0f}) are not; of the pixels that are predicted missing, {:.0f} % are.",
+      percent(s.missing_share), percent(s.predicted_share), 100 * s.recall.value, 100 * s.unexplained.value,
       100 * s.unexplained.low, 100 * s.unexplained.high, 100 * s.precision.value);
 }
 

@@ -52,8 +52,8 @@ std::vector<PackedCloud> pack(const CloudFigure& figure) {
       for (int k = 0; k < 3; ++k) {
         cloud.xyz.push_back(static_cast<std::int16_t>(std::lround((panel.points[i][k] - centre[k]) / half * 32000)));
       }
-      const double place = (panel.values[i] - figure.low) / (figure.high - figure.low) * 255;
-      cloud.colour.push_back(static_cast<std::uint8_t>(std::lround(std::clamp(place, 0.0, 255.0))));
+      const double place = (panel.values[i] - figure.low) / (figure.high - figure.low) * (scale_steps - 1);
+      cloud.colour.push_back(static_cast<std::uint8_t>(std::lround(std::clamp(place, 0.0, scale_steps - 1.0))));
     }
     packed.push_back(std::move(cloud));
   }

@@ -11,12 +11,12 @@ namespace binrig {
 
 namespace {
 
-// Piecewise linear through evenly spaced colours, so that all 256 differ.
+// Piecewise linear through evenly spaced colours, so that all differ.
 template <std::size_t N>
-std::array<Rgb, 256> ramp(const std::array<std::array<double, 3>, N>& knots) {
-  std::array<Rgb, 256> table{};
-  for (int i = 0; i < 256; ++i) {
-    const double place = i / 255.0 * (N - 1);
+std::array<Rgb, scale_steps> ramp(const std::array<std::array<double, 3>, N>& knots) {
+  std::array<Rgb, scale_steps> table{};
+  for (int i = 0; i < scale_steps; ++i) {
+    const double place = i / (scale_steps - 1.0) * (N - 1);
     const std::size_t k = std::min(N - 2, static_cast<std::size_t>(place));
     for (int c = 0; c < 3; ++c) {
       table[i][c] = static_cast<std::uint8_t>(std::lround(knots[k][c] + (place - k) * (knots[k + 1][c] - knots[k][c])));
@@ -27,7 +27,7 @@ std::array<Rgb, 256> ramp(const std::array<std::array<double, 3>, N>& knots) {
 }
 
 // After viridis (van der Walt and Smith): lightness grows evenly, and it survives grey print.
-std::array<Rgb, 256> sequential() {
+std::array<Rgb, scale_steps> sequential() {
   return ramp<10>({{{68, 1, 84},
                     {72, 40, 120},
                     {62, 74, 137},
@@ -41,7 +41,7 @@ std::array<Rgb, 256> sequential() {
 }
 
 // The middle is not quite white, so that zero is told from paper.
-std::array<Rgb, 256> diverging() {
+std::array<Rgb, scale_steps> diverging() {
   return ramp<7>({{{24, 51, 110},
                    {52, 108, 172},
                    {146, 190, 222},
@@ -51,9 +51,9 @@ std::array<Rgb, 256> diverging() {
                    {118, 16, 38}}});
 }
 
-std::array<Rgb, 256> greys() {
-  std::array<Rgb, 256> table{};
-  for (int i = 0; i < 256; ++i) table[i].fill(static_cast<std::uint8_t>(i));
+std::array<Rgb, scale_steps> greys() {
+  std::array<Rgb, scale_steps> table{};
+  for (int i = 0; i < scale_steps; ++i) table[i].fill(static_cast<std::uint8_t>(i));
   return table;
 }
 
@@ -91,8 +91,8 @@ const char* scale_name(ColourScale scale) {
   return "";
 }
 
-const std::array<Rgb, 256>& scale_colours(ColourScale scale) {
-  static const std::array<Rgb, 256> tables[] = {sequential(), diverging(), greys()};
+const std::array<Rgb, scale_steps>& scale_colours(ColourScale scale) {
+  static const std::array<Rgb, scale_steps> tables[] = {sequential(), diverging(), greys()};
   return tables[static_cast<int>(scale)];
 }
 

@@ -16,14 +16,16 @@ std::string hex_colour(Rgb colour);
 enum class Ink { measured, simulated, reference, third, fourth, fifth };
 Rgb ink_colour(Ink ink);
 
-/// Continuous colour scales of 256 different colours each, so that a colour can be read back as a value.
+/// Continuous colour scales of 255 different colours each, so that a colour can be read back as a value and one more is
+/// left for pixels without one.
 enum class ColourScale {
   sequential,  ///< dark blue over green to yellow: from little to much
   diverging,   ///< blue over near-white to red: departures from zero, on a symmetric scale
   grey,
 };
 const char* scale_name(ColourScale scale);
-const std::array<Rgb, 256>& scale_colours(ColourScale scale);
+inline constexpr int scale_steps = 255;
+const std::array<Rgb, scale_steps>& scale_colours(ColourScale scale);
 
 /// What pixels without a value look like; in no scale.
 inline constexpr Rgb absent_colour{222, 222, 226};

@@ -31,9 +31,9 @@ cv::Mat lay_out(const std::vector<PanelImage>& images, const std::vector<std::st
   std::vector<cv::Mat> shown;
   for (const PanelImage& image : images) {
     // Small maps are enlarged by whole factors, so that a pixel stays a square.
-    const int factor = std::max(1, 480 / std::max(1, std::max(image.rgb.cols, image.rgb.rows)));
+    const int factor = std::max(1, 480 / std::max(1, std::max(image.index.cols, image.index.rows)));
     cv::Mat large;
-    cv::resize(image.rgb, large, {}, factor, factor, cv::INTER_NEAREST);
+    cv::resize(image.rgb(), large, {}, factor, factor, cv::INTER_NEAREST);
     shown.push_back(large);
     width += large.cols + gap;
     height = std::max(height, large.rows);
@@ -112,20 +112,32 @@ void choose_scale(MapFigure& figure) {
   if (!(figure.high > figure.low)) figure.high = figure.low + 1e-6 + std::abs(figure.low) * 1e-6;
 }
 
+cv::Mat PanelImage::rgb() const {
+  cv::Mat out(index.size(), CV_8UC3);
+  for (int r = 0; r < index.rows; ++r) {
+    for (int c = 0; c < index.cols; ++c) {
+      const Rgb& colour = palette[index.at<std::uint8_t>(r, c)];
+      out.at<cv::Vec3b>(r, c) = {colour[0], colour[1], colour[2]};
+    }
+  }
+  return out;
+}
+
 PanelImage colour_panel(const MapPanel& panel, double low, double high, ColourScale colours) {
   const auto& table = scale_colours(colours);
   PanelImage out;
+  out.palette.assign(table.begin(), table.end());
+  out.palette.push_back(absent_colour);
   out.step = step_for(panel.values.size());
-  const int rows = (panel.values.rows + out.step - 1) / out.step, cols = (panel.values.cols + out.step - 1) / out.step;
-  out.rgb.create(rows, cols, CV_8UC3);
-  for (int r = 0; r < rows; ++r) {
-    for (int c = 0; c < cols; ++c) {
-      Rgb colour = absent_colour;
-      if (has_value(panel, r * out.step, c * out.step)) {
-        const double place = (panel.values.at<float>(r * out.step, c * out.step) - low) / (high - low) * 255;
-        colour = table[static_cast<int>(std::lround(std::clamp(place, 0.0, 255.0)))];
-      }
-      out.rgb.at<cv::Vec3b>(r, c) = {colour[0], colour[1], colour[2]};
+  out.index.create((panel.values.rows + out.step - 1) / out.step, (panel.values.cols + out.step - 1) / out.step, CV_8U);
+  constexpr double last = scale_steps - 1;
+  for (int r = 0; r < out.index.rows; ++r) {
+    for (int c = 0; c < out.index.cols; ++c) {
+      auto& index = out.index.at<std::uint8_t>(r, c);
+      index = scale_steps;
+      if (!has_value(panel, r * out.step, c * out.step)) continue;
+      const double place = (panel.values.at<float>(r * out.step, c * out.step) - low) / (high - low) * last;
+      index = static_cast<std::uint8_t>(std::lround(std::clamp(place, 0.0, last)));
     }
   }
   return out;
@@ -135,15 +147,16 @@ PanelImage colour_panel(const CategoryPanel& panel, const std::vector<Category>&
   if (panel.labels.type() != CV_8U || panel.labels.empty()) {
     throw Error("a map of kinds cannot be drawn: " + panel.title + " must be a CV_8U image");
   }
+  if (categories.size() > 255) throw Error("a map of kinds has at most 255 of them");
   PanelImage out;
+  for (const Category& kind : categories) out.palette.push_back(kind.colour);
+  out.palette.push_back(absent_colour);
   out.step = step_for(panel.labels.size());
-  const int rows = (panel.labels.rows + out.step - 1) / out.step, cols = (panel.labels.cols + out.step - 1) / out.step;
-  out.rgb.create(rows, cols, CV_8UC3);
-  for (int r = 0; r < rows; ++r) {
-    for (int c = 0; c < cols; ++c) {
-      const std::uint8_t label = panel.labels.at<std::uint8_t>(r * out.step, c * out.step);
-      const Rgb colour = label < categories.size() ? categories[label].colour : absent_colour;
-      out.rgb.at<cv::Vec3b>(r, c) = {colour[0], colour[1], colour[2]};
+  out.index.create((panel.labels.rows + out.step - 1) / out.step, (panel.labels.cols + out.step - 1) / out.step, CV_8U);
+  for (int r = 0; r < out.index.rows; ++r) {
+    for (int c = 0; c < out.index.cols; ++c) {
+      const std::size_t label = panel.labels.at<std::uint8_t>(r * out.step, c * out.step);
+      out.index.at<std::uint8_t>(r, c) = static_cast<std::uint8_t>(std::min(label, categories.size()));
     }
   }
   return out;
@@ -163,7 +176,7 @@ cv::Mat compose(const MapFigure& given) {
   const int top = 28, bottom = sheet.rows - 16, x = sheet.cols - bar_space;
   const auto& table = scale_colours(figure.colours);
   for (int y = top; y < bottom; ++y) {
-    const int k = static_cast<int>(std::lround(255.0 * (bottom - 1 - y) / std::max(1, bottom - 1 - top)));
+    const int k = static_cast<int>(std::lround((scale_steps - 1.0) * (bottom - 1 - y) / std::max(1, bottom - 1 - top)));
     cv::line(sheet, {x, y}, {x + bar_width, y}, scalar(table[k]));
   }
   for (const double tick : round_ticks(figure.low, figure.high)) {

@@ -42,11 +42,13 @@ struct CategoryFigure {
   cv::Point origin;
 };
 
-/// A panel as it is embedded: RGB, at most 720 px a side (every `step`-th pixel is kept, none is averaged, so that
-/// noise keeps its look).
+/// A panel as it is embedded: colours by index, at most 720 px a side (every `step`-th pixel is kept, none is averaged,
+/// so that noise keeps its look).
 struct PanelImage {
-  cv::Mat rgb;
+  cv::Mat index;  ///< CV_8U
+  std::vector<Rgb> palette;
   int step = 1;
+  cv::Mat rgb() const;
 };
 PanelImage colour_panel(const MapPanel& panel, double low, double high, ColourScale colours);
 PanelImage colour_panel(const CategoryPanel& panel, const std::vector<Category>& categories);

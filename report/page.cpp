@@ -6,12 +6,11 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "core/error.h"
 #include "core/recording_writer.h"
 #include "report/page_assets.h"
+#include "report/png.h"
 
 namespace binrig {
 
@@ -55,14 +54,6 @@ std::string base64(const std::uint8_t* data, std::size_t size) {
   return out;
 }
 
-std::vector<std::uint8_t> png_of(const cv::Mat& rgb) {
-  cv::Mat bgr;
-  cv::cvtColor(rgb, bgr, cv::COLOR_RGB2BGR);
-  std::vector<std::uint8_t> bytes;
-  cv::imencode(".png", bgr, bytes, {cv::IMWRITE_PNG_COMPRESSION, 7});
-  return bytes;
-}
-
 std::string data_uri(const std::vector<std::uint8_t>& png) {
   return "data:image/png;base64," + base64(png.data(), png.size());
 }
@@ -85,13 +76,14 @@ std::string panel_image(const PanelImage& image, const std::string& title, const
   return fmt::format(
       "<div class=panel><div class=title>{0}</div><img src=\"{1}\" data-step={2} data-title=\"{0}\" "
       "alt=\"{3}\"></div>\n",
-      escaped(title), data_uri(png_of(image.rgb)), image.step, escaped(alt.empty() ? title : title + ": " + alt));
+      escaped(title), data_uri(indexed_png(image.index, image.palette)), image.step,
+      escaped(alt.empty() ? title : title + ": " + alt));
 }
 
 std::string colour_bar(double low, double high, const std::string& unit, ColourScale scale) {
   const auto& table = scale_colours(scale);
   std::string stops, ticks;
-  for (int i = 0; i <= 16; ++i) stops += (i ? "," : "") + hex_colour(table[i * 255 / 16]);
+  for (int i = 0; i <= 16; ++i) stops += (i ? "," : "") + hex_colour(table[i * (scale_steps - 1) / 16]);
   for (const double tick : round_ticks(low, high)) {
     ticks += fmt::format("<span style=\"left:{:.2f}%\">{:.6g}</span>", (tick - low) / (high - low) * 100,
                          std::abs(tick) < 1e-12 * (high - low) ? 0.0 : tick);
@@ -222,7 +214,7 @@ void Page::figures(const std::vector<Picture>& pictures) {
 void Page::figure(const MapFigure& given) {
   MapFigure map = given;
   choose_scale(map);
-  impl_->add_file(map.name, png_of(compose(map)));
+  impl_->add_file(map.name, rgb_png(compose(map)));
   impl_->scales.insert(map.colours);
   std::string html = fmt::format(
       "<figure class=map data-low={} data-high={} data-scale={} data-unit=\"{}\" data-u={} data-v={}><div "
@@ -242,7 +234,7 @@ void Page::figure(const MapFigure& given) {
 }
 
 void Page::figure(const CategoryFigure& map) {
-  impl_->add_file(map.name, png_of(compose(map)));
+  impl_->add_file(map.name, rgb_png(compose(map)));
   nlohmann::json labels = nlohmann::json::object();
   std::string legend, html;
   std::vector<bool> present(256);
@@ -270,7 +262,7 @@ void Page::figure(const CategoryFigure& map) {
 
 void Page::figure(const CloudFigure& clouds) {
   const auto packed = pack(clouds);
-  const auto still = png_of(compose(clouds));
+  const auto still = rgb_png(compose(clouds));
   impl_->add_file(clouds.name, still);
   impl_->scales.insert(clouds.colours);
   std::string html = fmt::format("<figure class=clouds data-scale={} data-yaw={} data-pitch={}>\n",

@@ -39,7 +39,7 @@ th { text-align: left; font-weight: 600; border-bottom: 1.5px solid var(--ink); 
   padding: 6px 14px 6px 0; vertical-align: bottom; }
 td { border-bottom: 1px solid var(--line); padding: 5px 14px 5px 0; vertical-align: top; }
 tr:last-child td { border-bottom: 1.5px solid var(--ink); }
-td.num, th.num { text-align: right; white-space: nowrap; }
+td.num, th.num { text-align: right; } td.num { white-space: nowrap; } th { max-width: 12em; }
 td.good, td.bad, td.open { font-weight: 600; }
 .good > .sign, td.good { color: var(--good); } .bad > .sign, td.bad { color: var(--bad); }
 .open > .sign, td.open { color: var(--open); }
@@ -98,7 +98,7 @@ const char* const page_script = R"js(
     if (x === 0) return "0";
     return Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3 ? x.toExponential(2) : String(Number(x.toPrecision(4)));
   }
-  // A colour is looked up in its scale: what is embedded is the picture alone, read to 1/255 of the scale.
+  // A colour is looked up in its scale: what is embedded is the picture alone, read to 1/254 of the scale.
   var lookups = {};
   function lookup(name) {
     if (!lookups[name]) {
@@ -132,7 +132,7 @@ const char* const page_script = R"js(
     var i = lookup(figure.dataset.scale)[colour];
     if (i === undefined) return "no value";
     var text = number(low + (high - low) * i / 255) + " " + figure.dataset.unit;
-    return i === 0 ? "\u2264 " + text : i === 255 ? "\u2265 " + text : text;
+    return i === 0 ? "\u2264 " + text : i === binrigScales[figure.dataset.scale].length - 1 ? "\u2265 " + text : text;
   }
   document.querySelectorAll("figure.map").forEach(function (figure) {
     var images = Array.prototype.slice.call(figure.querySelectorAll(".panel img"));

@@ -82,7 +82,9 @@ std::string stroke_text(const Curve& curve) {
     case Stroke::dotted:
       return fmt::format("with lines lw 1.6 dt (3,5) lc rgb '{}'", colour);
     case Stroke::points:
-      return fmt::format("with points pt 7 ps 0.7 lc rgb '{}'", colour);
+      return fmt::format("with points pt 7 ps 1.1 lc rgb '{}'", colour);
+    case Stroke::rings:
+      return fmt::format("with points pt 6 ps 2.0 lw 1.6 lc rgb '{}'", colour);
     case Stroke::steps:
       return fmt::format("with steps lw 2 lc rgb '{}'", colour);
     case Stroke::boxes:

@@ -20,7 +20,7 @@ struct Picture {
   int width_px = 0;  ///< width on the page; the PNG has twice as many pixels
 };
 
-enum class Stroke { line, dashed, dotted, points, steps, boxes };
+enum class Stroke { line, dashed, dotted, points, rings, steps, boxes };
 
 struct Curve {
   std::string label;  ///< "" = not in the key

@@ -45,15 +45,5 @@ TEST(Holm, IsStepDownAndKeepsTheOrder) {
   EXPECT_DOUBLE_EQ(holm({0.9, 0.8})[1], 1.0);
 }
 
-TEST(Wilson, HoldsTheShare) {
-  double low = 0, high = 0;
-  wilson_interval(50, 100, low, high);
-  EXPECT_NEAR(low, 0.4038, 1e-4);
-  EXPECT_NEAR(high, 0.5962, 1e-4);
-  wilson_interval(0, 20, low, high);
-  EXPECT_DOUBLE_EQ(low, 0);
-  EXPECT_GT(high, 0.1);
-}
-
 }  // namespace
 }  // namespace binrig

@@ -13,6 +13,7 @@
 
 #include "core/error.h"
 #include "core/frame.h"
+#include "report/png.h"
 
 namespace binrig {
 namespace {
@@ -163,7 +164,7 @@ TEST(Colours, EveryScaleCanBeReadBack) {
   for (const ColourScale scale : {ColourScale::sequential, ColourScale::diverging, ColourScale::grey}) {
     const auto& table = scale_colours(scale);
     const std::set<Rgb> different(table.begin(), table.end());
-    EXPECT_EQ(different.size(), 256u) << scale_name(scale);
+    EXPECT_EQ(different.size(), 255u) << scale_name(scale);
     EXPECT_FALSE(different.contains(absent_colour)) << scale_name(scale);
   }
 }
@@ -178,12 +179,12 @@ TEST(Map, PixelsFallOnTheirPlaceInTheScale) {
   cv::Mat values = (cv::Mat_<float>(1, 5) << -5.f, -1.f, 0.5f, 1.f, 9.f);
   cv::Mat valid = (cv::Mat_<std::uint8_t>(1, 5) << 1, 1, 1, 0, 1);
   const PanelImage image = colour_panel({"", values, valid}, -1, 1, ColourScale::grey);
-  const auto grey = [&](int c) { return image.rgb.at<cv::Vec3b>(0, c)[0]; };
+  const auto grey = [&](int c) { return image.rgb().at<cv::Vec3b>(0, c)[0]; };
   EXPECT_EQ(grey(0), 0);
   EXPECT_EQ(grey(1), 0);
-  EXPECT_EQ(grey(2), 191);  // (0.5 + 1) / 2 * 255 = 191.25
-  EXPECT_EQ(image.rgb.at<cv::Vec3b>(0, 3), cv::Vec3b(absent_colour[0], absent_colour[1], absent_colour[2]));
-  EXPECT_EQ(grey(4), 255);
+  EXPECT_EQ(grey(2), 191);  // (0.5 + 1) / 2 * 254 = 190.5
+  EXPECT_EQ(image.rgb().at<cv::Vec3b>(0, 3), cv::Vec3b(absent_colour[0], absent_colour[1], absent_colour[2]));
+  EXPECT_EQ(grey(4), 254);
 }
 
 TEST(Map, BothPanelsShareOneScaleWhateverTheyHold) {
@@ -205,10 +206,10 @@ TEST(Map, LargeImagesAreThinnedOutNotAveraged) {
   }
   const PanelImage image = colour_panel({"", checks, {}}, -1, 1, ColourScale::grey);
   EXPECT_EQ(image.step, 3);
-  EXPECT_EQ(image.rgb.cols, 500);
-  for (int c = 0; c < image.rgb.cols; ++c) {
-    const int g = image.rgb.at<cv::Vec3b>(5, c)[0];
-    EXPECT_TRUE(g == 0 || g == 255);
+  EXPECT_EQ(image.index.cols, 500);
+  for (int c = 0; c < image.index.cols; ++c) {
+    const int g = image.rgb().at<cv::Vec3b>(5, c)[0];
+    EXPECT_TRUE(g == 0 || g == 254);
   }
 }
 
@@ -222,6 +223,24 @@ TEST(Map, TicksAreRoundAndInside) {
       EXPECT_LE(t, high + 1e-9 * (high - low));
     }
   }
+}
+
+TEST(Png, IndexedPicturesComeBackAsTheyWere) {
+  cv::Mat index(37, 53, CV_8U);
+  for (int i = 0; i < index.rows * index.cols; ++i) index.at<std::uint8_t>(i / 53, i % 53) = (i * 7919) % 251;
+  std::vector<Rgb> palette;
+  for (int i = 0; i < 251; ++i) palette.push_back({std::uint8_t(i), std::uint8_t(255 - i), std::uint8_t(3 * i)});
+  const cv::Mat back = cv::imdecode(indexed_png(index, palette), cv::IMREAD_COLOR);
+  ASSERT_EQ(back.size(), index.size());
+  for (int r = 0; r < index.rows; ++r) {
+    for (int c = 0; c < index.cols; ++c) {
+      const Rgb& want = palette[index.at<std::uint8_t>(r, c)];
+      ASSERT_EQ(back.at<cv::Vec3b>(r, c), cv::Vec3b(want[2], want[1], want[0]));
+    }
+  }
+  palette.resize(250);
+  EXPECT_THROW(indexed_png(index, palette), Error);
+  EXPECT_THROW(indexed_png(cv::Mat(), palette), Error);
 }
 
 TEST(Plot, HistogramsOfDifferentSizesCompare) {
@@ -274,7 +293,7 @@ TEST(Cloud, IsThinnedOutAndPutIntoOneBox) {
   EXPECT_EQ(packed[1].xyz[0], -32000);
   EXPECT_EQ(packed[1].xyz[3], 32000);
   EXPECT_EQ(packed[1].colour[0], 0);
-  EXPECT_EQ(packed[1].colour[1], 255);
+  EXPECT_EQ(packed[1].colour[1], 254);
   figure.panels[1].values.pop_back();
   EXPECT_THROW(pack(figure), Error);
 }
