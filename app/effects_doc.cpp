@@ -173,10 +173,11 @@ cv::Mat error_picture(const Shot& shot, double limit) {
     for (int col = 0; col < picture.cols; ++col) {
       const int reason = shot.frame.reason.at<std::uint8_t>(row, col);
       const double error = shot.frame.depth_mm.at<float>(row, col) - shot.channels->depth_mm.at<float>(row, col);
-      const int level = static_cast<int>(std::clamp(127.5 + 127.5 * error / limit, 0.0, 255.0));
-      // 32 levels are enough to the eye and keep the file small.
-      picture.at<cv::Vec3b>(row, col) = reason ? rgb(reason_categories()[reason].colour)
-                                               : rgb(scale_colours(ColourScale::diverging)[level / 8 * 8 + 4]);
+      // 17 levels are enough to the eye and keep the file small; zero is one of them.
+      const double share = std::clamp(std::round(8 * error / limit) / 8, -1.0, 1.0);
+      const int level = static_cast<int>(std::lround(127.5 + 127.5 * share));
+      picture.at<cv::Vec3b>(row, col) =
+          reason ? rgb(reason_categories()[reason].colour) : rgb(scale_colours(ColourScale::diverging)[level]);
     }
   }
   return picture;
@@ -202,7 +203,7 @@ cv::Mat relief_picture(const Shot& shot) {
       Vector3 normal(0.5 * (step(0, 1) - step(0, -1)) / pixel_mm, 0.5 * (step(1, 0) - step(-1, 0)) / pixel_mm, -1);
       normal.normalize();
       const double light = std::max(0.0, normal.dot(Vector3(-0.45, -0.45, -0.77)));
-      const int grey = static_cast<int>(40 + 200 * light) / 8 * 8;
+      const int grey = static_cast<int>(40 + 200 * light) / 12 * 12;
       picture.at<cv::Vec3b>(row, col) = cv::Vec3b(grey, grey, grey);
     }
   }
@@ -221,7 +222,7 @@ double error_limit(const Shot& shot) {
   if (errors.empty()) return 1;
   const auto place = errors.begin() + static_cast<std::ptrdiff_t>(0.98 * (errors.size() - 1));
   std::nth_element(errors.begin(), place, errors.end());
-  const double value = std::max<double>(*place, 0.1), decade = std::pow(10, std::floor(std::log10(value)));
+  const double value = std::max<double>(*place, 0.2), decade = std::pow(10, std::floor(std::log10(value)));
   for (const double step : {1.0, 2.0, 5.0}) {
     if (value <= step * decade) return step * decade;
   }
