@@ -58,16 +58,20 @@ Pattern::Pattern(const Parameters& parameters, int first_column, int columns, in
   const RandomStream brightness = stream.child("brightness");
   const double sigma = parameters.dot_sigma * samples_per_px;
   const int reach = static_cast<int>(std::ceil(4 * sigma));
+  std::vector<double> along_x(2 * reach + 1), along_y(2 * reach + 1);
   for (std::size_t i = 0; i < dots.size(); ++i) {
     const double x = dots[i].x * samples_per_px, y = dots[i].y * samples_per_px;
     const double peak = (1 - parameters.background) * (1 - brightness.uniform(i) / 3);
     const int cx = static_cast<int>(std::floor(x)), cy = static_cast<int>(std::floor(y));
+    for (int d = -reach; d <= reach; ++d) {
+      const double across = (cx + d - x) / sigma;
+      along_x[d + reach] = std::exp(-0.5 * across * across);
+      along_y[d + reach] = peak * std::exp(-0.5 * (cy + d - y) * (cy + d - y) / (sigma * sigma));
+    }
     for (int dy = -reach; dy <= reach; ++dy) {
       float* row = raster_.ptr<float>((cy + dy + raster_.rows) % raster_.rows);
-      const double wy = peak * std::exp(-0.5 * (cy + dy - y) * (cy + dy - y) / (sigma * sigma));
       for (int dx = -reach; dx <= reach; ++dx) {
-        const double along = (cx + dx - x) / sigma;
-        row[(cx + dx + raster_.cols) % raster_.cols] += static_cast<float>(wy * std::exp(-0.5 * along * along));
+        row[(cx + dx + raster_.cols) % raster_.cols] += static_cast<float>(along_y[dy + reach] * along_x[dx + reach]);
       }
     }
   }

@@ -6,6 +6,7 @@
 #include <Eigen/Cholesky>
 #include <opencv2/core.hpp>
 
+#include "sim/dot_pattern/parameters.h"
 #include "sim/effect.h"
 #include "sim/scene_forward_model.h"
 
@@ -36,8 +37,8 @@ double dome_px(const CaptureReader& capture) {
 }
 
 // The wedge's shift is 0.15 px r^2. The clean static pattern (0.05 mm of 1.7 mm) leaves 0.02 px. With the dome a plane
-// runs through more than half a period of pixel locking, whose half swing of 0.1 px of the matched image is 0.025 px here;
-// what of it looks like r^2 differs from distance to distance, and goes down in the mean of ten.
+// runs through more than half a period of pixel locking, whose half swing of 0.1 px of the matched image is 0.025 px
+// here; what of it looks like r^2 differs from distance to distance, and goes down in the mean of ten.
 TEST(RecordedFixtures, ADomeIsInTheImperfectCampaignAndNotInTheCleanOne) {
   const RecordingSet clean = RecordingSet::open(fixture("campaign-clean"));
   const RecordingSet imperfect = RecordingSet::open(fixture("campaign-imperfect"));
@@ -93,6 +94,45 @@ TEST(RecordedFixtures, PlaneSourceHasTheNoiseItSays) {
     }
   }
   EXPECT_NEAR(std::sqrt(sum / count), 0.25, 0.005);
+}
+
+TEST(RecordedFixtures, EveryInstrumentOfThisProjectCanBeBuilt) {
+  for (const char* file :
+       {"/models/dot-pattern.yaml", "/models/dot-pattern-imperfect.yaml", "/models/dot-pattern-kinect.yaml",
+        "/fixtures/recorded/sensors/clean.yaml", "/fixtures/recorded/sensors/imperfect.yaml"}) {
+    const SensorModel model = read_sensor_model(std::string(BINRIG_SOURCE_DIR) + file, effect_catalogue());
+    EXPECT_TRUE(model.dot_pattern) << file;
+    EXPECT_NO_THROW(dot_pattern::read_parameters(model)) << file;
+  }
+}
+
+// The forward model serves the instrument: another recording of the step, by the sensor that recorded it, has the same
+// holes but for their noisy rims (0.6 % of the pixels in either direction) and the same depth to within the pose's
+// draw.
+TEST(RecordedFixtures, TheForwardModelRecordsTheStepAgain) {
+  const RecordingSet set = RecordingSet::open(fixture("campaign-clean"));
+  SceneOptions options;
+  options.with_ir = true;
+  const SceneForwardModel forward(set, options);
+  const SensorModel model = read_sensor_model(fixture("sensors/clean.yaml"), effect_catalogue());
+  SimulationRequest request;
+  while (forward.captures()[request.capture].name != "step") ++request.capture;
+  request.model = &model;
+  request.frames = 1;
+  const Frame recorded = set.capture(forward.captures()[request.capture].key()).frame(0);
+  int frames = 0;
+  forward.simulate(request, [&](const Frame& frame, int) {
+    ++frames;
+    frame.check("simulated");
+    EXPECT_EQ(frame.ir.type(), CV_16U);
+    EXPECT_TRUE(frame.camera == recorded.camera);
+    const cv::Mat differ = (frame.reason == 0) != (recorded.reason == 0),
+                  both = (frame.depth_mm > 0) & (recorded.depth_mm > 0);
+    EXPECT_LT(cv::countNonZero(differ), 0.012 * frame.reason.total());
+    EXPECT_LT(cv::mean(cv::abs(frame.depth_mm - recorded.depth_mm), both)[0], 0.65);
+    EXPECT_GT(cv::countNonZero(frame.reason == static_cast<int>(Reason::no_match)), 100) << "the shadow";
+  });
+  EXPECT_EQ(frames, 1);
 }
 
 }  // namespace
