@@ -139,6 +139,8 @@ Correction correct_for_later_effects(SensorModel& model, EffectInstance& noise, 
   Correction result;
   double before_db = 1e9;
   for (;; ++result.rounds) {
+    spectrum.camera_width = anchor.look.camera.width;
+    spectrum.camera_height = anchor.look.camera.height;
     spectrum.write(spectrum_path, provenance);
     noise.values["sigma"].value = std::sqrt(spectrum.variance_mm2());
     const CaptureNoise made = simulated_noise(model, planes, anchor, fit, seed, fit.temporal ? 8 : 12);

@@ -290,6 +290,10 @@ NoiseSpectrum NoiseSpectrum::read(const std::string& path) {
       throw Error(path + ": " + error.what());
     }
     spectrum.provenance = json.value("provenance", "");
+    if (json.contains("camera")) {
+      spectrum.camera_width = json.at("camera").at(0).get<int>();
+      spectrum.camera_height = json.at("camera").at(1).get<int>();
+    }
     return spectrum;
   } catch (const nlohmann::json::exception& error) {
     throw Error(path + " is not a noise spectrum: " + error.what());
@@ -299,11 +303,13 @@ NoiseSpectrum NoiseSpectrum::read(const std::string& path) {
 void NoiseSpectrum::write(const std::string& path, const std::string& made_from) const {
   // Seven digits a number: spectra are known to a percent at best.
   std::string text = fmt::format(
-      "{{\"kind\": \"noise spectrum\", \"provenance\": {},\n\"rows\": {}, \"cols\": {}, \"sigma_mm\": {:.7g},\n"
+      "{{\"kind\": \"noise spectrum\", \"provenance\": {},\n{}\"rows\": {}, \"cols\": {}, \"sigma_mm\": {:.7g},\n"
       "\"meaning\": \"power spectral density in mm^2 px^2; row k has the frequency k/rows (k > rows/2: k/rows - 1), "
       "column "
       "j has j/cols cycles per pixel; the mean over the whole plane is the variance\",\n\"psd_mm2_px2\": [\n",
-      nlohmann::json(made_from).dump(), rows(), cols_, std::sqrt(variance_mm2()));
+      nlohmann::json(made_from).dump(),
+      camera_width > 0 ? fmt::format("\"camera\": [{}, {}],\n", camera_width, camera_height) : "", rows(), cols_,
+      std::sqrt(variance_mm2()));
   for (int row = 0; row < rows(); ++row) {
     text += '[';
     for (int col = 0; col < psd_.cols; ++col)

@@ -69,6 +69,8 @@ class NoiseSpectrum {
   static NoiseSpectrum read(const std::string& path);
   void write(const std::string& path, const std::string& provenance) const;
   std::string provenance;
+  /// Image size (px) of the camera that it was measured on, kept in the file; 0 = unknown: fits any camera.
+  int camera_width = 0, camera_height = 0;
 
  private:
   cv::Mat psd_;

@@ -23,7 +23,7 @@ struct Kernel {
   float inverse;               ///< 1 / (32 sigma_z^2)
 };
 
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__)
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__)
 // Eight pixels at a time where the machine can. No fused multiply-add: the bytes are the same on every machine.
 #define BINRIG_WIDE __attribute__((target_clones("avx2", "default")))
 #else

@@ -119,8 +119,14 @@ std::shared_ptr<const NoiseSynthesis> make_synthesis(const EffectInstance& insta
         rayleigh);
   }
   try {
-    return std::make_shared<NoiseSynthesis>(
-        NoiseSpectrum::read(file).resampled(camera.height, camera.width).scaled_to(sigma), rayleigh);
+    const NoiseSpectrum spectrum = NoiseSpectrum::read(file);
+    if (spectrum.camera_width > 0 &&
+        (spectrum.camera_width != camera.width || spectrum.camera_height != camera.height)) {
+      throw Error("was measured on a camera of " + std::to_string(spectrum.camera_width) + " x " +
+                  std::to_string(spectrum.camera_height) + " px, not " + std::to_string(camera.width) + " x " +
+                  std::to_string(camera.height) + ": fit the noise of this camera, or use the parametric spectrum");
+    }
+    return std::make_shared<NoiseSynthesis>(spectrum.resampled(camera.height, camera.width).scaled_to(sigma), rayleigh);
   } catch (const Error& error) {
     throw Error("spectral_noise", {{.where = instance.where,
                                     .key = instance.id + ".spectrum",

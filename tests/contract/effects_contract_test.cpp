@@ -405,6 +405,30 @@ TEST(EffectOrder, AgainstTheStagesIsRefusedWithTheReason) {
   }
 }
 
+TEST(EffectOrder, TheWholeCatalogueAtOnceGivesOneAndTheSameFrame) {
+  std::vector<EffectInstance> all, reversed;
+  for (const Effect* effect : all_effects()) {
+    EffectInstance instance = instance_of(*effect, Strength::weak);
+    all.push_back(instance);
+    reversed.insert(reversed.begin(), instance);
+  }
+  const std::vector<Frame> frames_of_all = simulate(model_of(all));
+  EXPECT_TRUE(same(frames_of_all, simulate(model_of(all))));
+  // The other order inside every stage is a sensor as well, and a different one.
+  EXPECT_FALSE(same(frames_of_all, simulate(model_of(reversed))));
+  const cv::Mat measured = frames_of_all[0].reason == static_cast<int>(Reason::measured);
+  EXPECT_GT(cv::countNonZero(measured), 1000);
+}
+
+TEST(EffectOrder, InsideAStageTheModelFileDecides) {
+  const EffectInstance scale = test::make_instance("depth_scale", {{"scale", 0.1}}),
+                       offset = test::make_instance("depth_offset", {{"offset", 20}});
+  const Frame first = simulate(model_of({scale, offset}))[0], second = simulate(model_of({offset, scale}))[0];
+  // (z + 20) 1.1 - (1.1 z + 20) = 2 mm, in storage steps of 0.02 mm.
+  const cv::Mat both = (first.depth_mm > 0) & (second.depth_mm > 0);
+  EXPECT_NEAR(cv::mean(second.depth_mm - first.depth_mm, both)[0], 2, 0.02);
+}
+
 TEST(EffectNeeds, UnmetOnesAreListedAndAnErrorWhereTheModelWritesTheCamera) {
   CaptureContext no_projector = capture().context;
   no_projector.projector_xyz_mm.reset();

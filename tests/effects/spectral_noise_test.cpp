@@ -100,6 +100,26 @@ TEST(SpectralNoise, AFileOfAnotherSizeKeepsItsCorrelationLength) {
   EXPECT_NEAR(correlation, std::exp(-0.25), 5 * 0.3 / std::sqrt(6100.0));
 }
 
+TEST(SpectralNoise, AFileOfAnotherCameraIsRefusedWithTheModelsLine) {
+  const auto path = std::filesystem::temp_directory_path() / "binrig_spectral_noise_other_camera.json";
+  auto spectrum = NoiseSpectrum::parametric(64, 64, 1.0, 2.0, 0.0);
+  spectrum.camera_width = 640;
+  spectrum.camera_height = 480;
+  spectrum.write(path.string(), "test");
+  NoiseSetup same(640, 480, 0.4, 0, 0), other(320, 240, 0.4, 0, 0);
+  same.instance.options["spectrum"] = other.instance.options["spectrum"] = path.string();
+  other.instance.where = "model.yaml:9";
+  EXPECT_NEAR(deviation(same.noise(0)), 0.4, 0.4 * 0.01);
+  try {
+    other.noise(0);
+    FAIL() << "a spectrum of another camera went unnoticed";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("model.yaml:9"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("640 x 480"), std::string::npos) << error.what();
+  }
+  std::filesystem::remove(path);
+}
+
 TEST(SpectralNoise, AMissingOrBrokenFileIsNamedWithTheModelsLine) {
   NoiseSetup setup(64, 48, 0.4, 0, 0);
   setup.instance.options["spectrum"] = "absent.json";
