@@ -109,8 +109,8 @@ double apply_law(SensorModel& model, const FittedNoise& fit, double reference_mm
     (axial ? distance : incidence) = true;
   }
   const double there =
-      fit.law.variance_at(distance ? reference_mm : fit.anchor_mm, incidence ? 0 : fit.anchor_incidence_rad);
-  return std::sqrt(there / fit.law.variance_at(fit.anchor_mm, fit.anchor_incidence_rad));
+      fit.law.variance_at(distance ? reference_mm : fit.anchor_mm, incidence ? 0 : fit.anchor_incidence_term);
+  return std::sqrt(there / fit.law.variance_at(fit.anchor_mm, fit.anchor_incidence_term));
 }
 
 // Effects after the noise (a blur, a filter) change it: the density that the model draws is corrected until what comes
@@ -127,10 +127,9 @@ Correction correct_for_later_effects(SensorModel& model, EffectInstance& noise, 
                                      std::uint64_t seed) {
   const int n = fit.shape.natural_grid();
   const double level = fit.sigma_mm * fit.sigma_mm + fit.rounding_mm * fit.rounding_mm / 12;
-  const double law = fit.law.fitted
-                         ? fit.law.variance_at(anchor.look.plane.distance_mm, anchor.look.plane.incidence_rad) /
-                               fit.law.variance_at(fit.anchor_mm, fit.anchor_incidence_rad)
-                         : 1;
+  const double law = fit.law.fitted ? fit.law.variance_at(anchor.look.plane.distance_mm, anchor.look.incidence_term) /
+                                          fit.law.variance_at(fit.anchor_mm, fit.anchor_incidence_term)
+                                    : 1;
   // Only effects of the model can make the noise follow the law.
   bool follows = false;
   for (const auto& i : model.effects) follows |= i.effect == "axial_noise" || i.effect == "incidence_noise";

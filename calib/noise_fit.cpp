@@ -23,11 +23,6 @@ double median_of(std::vector<double> values) {
   return n == 0 ? 0 : 0.5 * (values[(n - 1) / 2] + values[n / 2]);
 }
 
-double incidence_term(double theta) {
-  const double t = std::min(theta, 1.4) / (std::numbers::pi / 2 - std::min(theta, 1.4));
-  return t * t;
-}
-
 const SpectrumEstimate& noise_of(const CaptureNoise& capture, bool temporal) {
   return temporal && capture.temporal ? *capture.temporal : capture.single;
 }
@@ -77,7 +72,7 @@ SigmaLaw fit_law(const std::vector<CaptureNoise>& captures, bool temporal, doubl
     log_variance[i] = std::log(noise_variance(c, temporal));
     chance[i] = 2 / std::max(1.0, noise_of(c, temporal).effective_pixels());
     log_distance[i] = std::log(c.look.plane.distance_mm / reference_mm);
-    theta_term[i] = incidence_term(c.look.plane.incidence_rad);
+    theta_term[i] = c.look.incidence_term;
   }
   const double spread = n > 0 ? log_distance.maxCoeff() - log_distance.minCoeff() : 0;
   const bool distances = n >= 3 && spread > 0.05;
@@ -120,9 +115,8 @@ int rings_for(int max_lag) { return std::clamp(static_cast<int>(max_lag / 2.5), 
 
 }  // namespace
 
-double SigmaLaw::variance_at(double distance_mm, double incidence_rad) const {
-  return sigma0_mm * sigma0_mm * std::pow(distance_mm / reference_mm, 2 * exponent) *
-         (1 + incidence * incidence_term(incidence_rad));
+double SigmaLaw::variance_at(double distance_mm, double incidence_term) const {
+  return sigma0_mm * sigma0_mm * std::pow(distance_mm / reference_mm, 2 * exponent) * (1 + incidence * incidence_term);
 }
 
 NoiseSpectrum FittedNoise::spectrum() const {
@@ -138,18 +132,20 @@ FittedNoise fit_noise(const std::vector<CaptureNoise>& captures, const LowFreque
   fit.low = low;
   fit.temporal =
       temporal && std::all_of(captures.begin(), captures.end(), [](const auto& c) { return c.temporal.has_value(); });
-  std::vector<double> distances, incidences, steps;
+  std::vector<double> distances, incidences, terms, steps;
   for (const auto& c : captures) {
     fit.captures.push_back(c.look.key);
     distances.push_back(c.look.plane.distance_mm);
     incidences.push_back(c.look.plane.incidence_rad);
+    terms.push_back(c.look.incidence_term);
     steps.push_back(c.step_mm);
   }
   fit.anchor_mm = median_of(distances);
   fit.anchor_incidence_rad = median_of(incidences);
+  fit.anchor_incidence_term = median_of(terms);
   fit.rounding_mm = median_of(steps);
   fit.law = fit_law(captures, fit.temporal, fit.anchor_mm);
-  const double variance = fit.law.fitted ? fit.law.variance_at(fit.anchor_mm, fit.anchor_incidence_rad)
+  const double variance = fit.law.fitted ? fit.law.variance_at(fit.anchor_mm, fit.anchor_incidence_term)
                                          : fit.law.sigma0_mm * fit.law.sigma0_mm;
   fit.sigma_mm = std::sqrt(variance);
 
@@ -180,23 +176,23 @@ FittedNoise fit_noise(const std::vector<CaptureNoise>& captures, const LowFreque
   const int bins = rings_for(shape.max_lag_px);
   const RadialDensity mean = shape.radial(bins);
   double excess = 0;
-  int terms = 0;
+  int rings = 0;
   for (const auto& c : captures) {
     const SpectrumEstimate& one = noise_of(c, fit.temporal);
     const RadialDensity radial = one.radial(bins);
     const double level =
-        (fit.law.fitted ? fit.law.variance_at(c.look.plane.distance_mm, c.look.plane.incidence_rad) : variance) +
+        (fit.law.fitted ? fit.law.variance_at(c.look.plane.distance_mm, c.look.incidence_term) : variance) +
         rounding_variance(c);
     for (std::size_t r = 0; r < radial.density.size(); ++r) {
       if (radial.density[r] <= 0 || mean.density[r] <= 0) continue;
       const double difference = std::log(radial.density[r] / (mean.density[r] * level));
       excess += difference * difference - std::pow(radial.sd[r] / radial.density[r], 2);
-      ++terms;
+      ++rings;
     }
   }
   const double captures_free = static_cast<double>(captures.size()) - 1;
-  if (captures_free > 0 && terms > 0)
-    fit.between_captures = std::sqrt(std::max(0.0, excess / terms * (captures_free + 1) / captures_free));
+  if (captures_free > 0 && rings > 0)
+    fit.between_captures = std::sqrt(std::max(0.0, excess / rings * (captures_free + 1) / captures_free));
 
   const double relative = std::sqrt(0.5 / std::max(1.0, effective) +
                                     (captures_free > 0 ? std::pow(fit.law.scatter, 2) / (captures_free + 1) : 0));
@@ -291,8 +287,8 @@ NoiseJudgement judge_noise(const FittedNoise& fit, const CaptureNoise& measured,
   j.strawman_fails = j.white_p < 0.05;
   // Why a bound is missed: what the train captures say about distance and incidence, what the model's other effects do
   // here, what the noise does within the image.
-  const double by_law = fit.law.fitted ? fit.law.variance_at(j.distance_mm, j.incidence_rad) /
-                                             fit.law.variance_at(fit.anchor_mm, fit.anchor_incidence_rad)
+  const double by_law = fit.law.fitted ? fit.law.variance_at(j.distance_mm, measured.look.incidence_term) /
+                                             fit.law.variance_at(fit.anchor_mm, fit.anchor_incidence_term)
                                        : 1;
   if (fit.temporal && !temporal)
     j.why.push_back(
@@ -315,10 +311,10 @@ NoiseJudgement judge_noise(const FittedNoise& fit, const CaptureNoise& measured,
   }
   const double fitted = std::hypot(fit.sigma_mm, fit.rounding_mm / std::sqrt(12.0));
   if (!j.passed() && std::abs(j.sigma_simulated_mm / fitted - 1) > 0.03)
-    j.why.push_back(
-        fmt::format("the simulated noise itself is {:+.0f} % off the fitted one here: other effects of the model act "
-                    "differently at this distance or incidence (a bilateral blur passes more noise on a slope)",
-                    100 * (j.sigma_simulated_mm / fitted - 1)));
+    j.why.push_back(fmt::format(
+        "the simulated noise is {:+.0f} % against that at the fit's anchor: other effects of the model depend on "
+        "distance or incidence (a bilateral blur, for one, passes more noise on a slope)",
+        100 * (j.sigma_simulated_mm / fitted - 1)));
   if (!j.spectrum_ok || !j.length_ok) {
     // Which end of the spectrum misses the band says what kind of trouble it is.
     const std::size_t n = j.frequency.size(), cut = std::max<std::size_t>(1, n / 3);

@@ -30,7 +30,8 @@ struct SigmaLaw {
   double exponent = 0, exponent_se = 0;    ///< p; the standard error counts the captures' scatter
   double incidence = 0, incidence_se = 0;  ///< a
   double scatter = 0;  ///< standard deviation of ln sigma about the law, chance of each estimate taken out
-  double variance_at(double distance_mm, double incidence_rad) const;
+  /// `incidence_term`: (theta/(pi/2 - theta))^2, or its mean over a region.
+  double variance_at(double distance_mm, double incidence_term) const;
 };
 
 struct FittedNoise {
@@ -38,10 +39,11 @@ struct FittedNoise {
   std::vector<std::string> captures;
   double sigma_mm = 0;  ///< at the anchor, storage rounding taken out
   std::array<double, 2> sigma_ci95{};
-  double anchor_mm = 0, anchor_incidence_rad = 0;  ///< where sigma holds: the captures' medians
-  double rounding_mm = 0;                          ///< storage step whose noise was taken out
-  SpectrumEstimate shape;                          ///< mean over captures of C/sigma^2 (rounding still in it)
-  double between_captures = 0;  ///< standard deviation of ln S between captures at one frequency, chance taken out
+  double anchor_mm = 0, anchor_incidence_rad = 0,
+         anchor_incidence_term = 0;  ///< where sigma holds: the captures' medians
+  double rounding_mm = 0;            ///< storage step whose noise was taken out
+  SpectrumEstimate shape;            ///< mean over captures of C/sigma^2 (rounding still in it)
+  double between_captures = 0;       ///< standard deviation of ln S between captures at one frequency, chance taken out
   SigmaLaw law;
   /// Slope of ln(correlation length) against incidence (1/rad) over the captures, and its standard error.
   double length_slope = 0, length_slope_se = 0;

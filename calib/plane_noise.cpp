@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -76,6 +77,16 @@ FirstLook look_at(const std::string& key, const std::string& name, const Frame& 
   } catch (const Error& error) {
     throw Error(key + ": " + error.what());
   }
+  const PixelRays rays(first.camera);
+  double sum = 0;
+  for (int row = 0; row < rays.x.rows; ++row)
+    for (int col = 0; col < rays.x.cols; ++col) {
+      if (look.plane.valid.at<std::uint8_t>(row, col) == 0) continue;
+      const Vector3 ray = Vector3(rays.x.at<double>(row, col), rays.y.at<double>(row, col), 1).normalized();
+      const double theta = std::min(1.4, std::acos(std::min(1.0, std::abs(ray.dot(look.plane.normal)))));
+      sum += std::pow(theta / (std::numbers::pi / 2 - theta), 2);
+    }
+  look.incidence_term = sum / look.plane.pixels;
   look.order_powers = order_powers(look.plane.residual_mm, look.plane.valid);
   return look;
 }

@@ -21,6 +21,9 @@ struct FirstLook {
   int frames = 0;
   bool region_given = false;  ///< by the recording's mask; else found
   PlaneFit plane;
+  /// Mean over the region's pixels of (theta / (pi/2 - theta))^2, incidence_noise's term: it grows so steeply that its
+  /// mean is not that of the mean angle.
+  double incidence_term = 0;
   std::vector<double> order_powers;
   double depth_scale_mm = 0;
   Camera camera;
