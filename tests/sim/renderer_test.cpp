@@ -13,6 +13,11 @@
 #include "sim/offscreen_gl.h"
 #include "sim/part_models.h"
 
+#if defined(__SANITIZE_ADDRESS__)
+// OSMesa keeps some hundred bytes for each context that was ever current.
+extern "C" const char* __lsan_default_suppressions() { return "leak:libOSMesa.so\n"; }
+#endif
+
 namespace binrig {
 namespace {
 
