@@ -91,10 +91,10 @@ TEST(ApplyVerb, PutsTheSensorOnPerfectDepth) {
 
 TEST(SimulateVerb, BadInputIsStatusTwoAndClear) {
   test::ScratchFolder folder;
-  std::ofstream(folder / "world.yaml") << "parts: [{part: bocks}]\nsensors: [{pose: {}}]\n";
+  std::ofstream(folder / "world.yaml") << "parts: [{part: cylnder}]\nsensors: [{pose: {}}]\n";
   const test::Run run = run_binrig("simulate --world " + (folder / "world.yaml") + " --out " + (folder / "out"));
   EXPECT_EQ(run.status, 2);
-  EXPECT_NE(run.output.find("did you mean box?"), std::string::npos) << run.output;
+  EXPECT_NE(run.output.find("did you mean cylinder?"), std::string::npos) << run.output;
   EXPECT_FALSE(std::filesystem::exists(folder / "out"));
 }
 
