@@ -32,7 +32,7 @@ struct Body {
 struct BinBox {
   Vector3 inner_size_mm = Vector3(210, 160, 80);
   double wall_mm = 4;
-  double friction = 0.4, restitution = 0.1;
+  double friction = 0.4, restitution = 0.25;
 };
 
 /// How parts are laid out above the bin before they fall: an array of columns (x) by rows (y), in as many layers as
@@ -54,9 +54,9 @@ struct SteadyRule {
 
 struct StackingSettings {
   double gravity_mm_s2 = 9810;
-  double step_s = 1.0 / 960;  ///< shortened up to four times while parts are fast
+  double step_s = 1.0 / 960;  ///< shortened up to ten times while parts are fast
   int iterations = 10;
-  double most_linear_mm_s = 400, most_angular_rad_s = 10;
+  double most_linear_mm_s = 800, most_angular_rad_s = 20;
   SteadyRule steady;
 };
 
