@@ -16,12 +16,15 @@ namespace {
 
 // Pieces are shrunk by the margin that Bullet adds again around them, so that they touch where the part's faces do.
 constexpr double margin_mm = 0.05;
+constexpr double hard_depth_mm = 0.12;
+constexpr int hard_work = 4;
 constexpr double tilt_rate_rad_s = 0.5, steepest_tilt_rad = 1.5;
 constexpr double shake_s = 1.0, shake_hz = 5, shake_gravities = 1.5;
-constexpr double most_travel_mm = 0.22;
+constexpr double most_travel_mm = 0.3;
 constexpr int most_substeps = 10;
 // Parts poured by hand come drifting and turning; without that, too many stay standing on an edge.
 constexpr double drift_mm_s = 150, spin_rad_s = 6;
+constexpr double jolt_s = 0.3, jolt_hz = 6, turn_rad_s = 9;
 // Slower impacts do not bounce, or a pile would hum on for ever.
 constexpr double bounce_threshold_mm_s = 50;
 // How often parts that left are looked for.
@@ -192,6 +195,7 @@ struct Stacking::Impl {
   std::vector<std::unique_ptr<btRigidBody>> moving;
   int next_id = 0, drops = 0, shakes = 0, left_bin = 0;
   double tilt_rad = 0;
+  double depth_mm = 0;  ///< deepest contact of the last step
   bool clamped = false;
   SettleReport report;
 
@@ -282,7 +286,10 @@ struct Stacking::Impl {
   }
 
   void substep(double seconds) {
+    // A heavy part on a light one takes the solver more rounds to stop.
+    world.getSolverInfo().m_numIterations = settings.iterations * (depth_mm > hard_depth_mm ? hard_work : 1);
     world.stepSimulation(btScalar(seconds), 0);
+    depth_mm = 0;
     const auto linear = btScalar(settings.most_linear_mm_s), angular = btScalar(settings.most_angular_rad_s);
     for (auto& body : moving) {
       const btScalar v = body->getLinearVelocity().length(), w = body->getAngularVelocity().length();
@@ -292,10 +299,10 @@ struct Stacking::Impl {
     for (int i = 0; i < dispatcher.getNumManifolds(); ++i) {
       const btPersistentManifold* manifold = dispatcher.getManifoldByIndexInternal(i);
       for (int k = 0; k < manifold->getNumContacts(); ++k) {
-        report.most_penetration_mm =
-            std::max(report.most_penetration_mm, -double(manifold->getContactPoint(k).getDistance()));
+        depth_mm = std::max(depth_mm, -double(manifold->getContactPoint(k).getDistance()));
       }
     }
+    report.most_penetration_mm = std::max(report.most_penetration_mm, depth_mm);
   }
 
   void remove_escaped() {
@@ -313,6 +320,22 @@ struct Stacking::Impl {
     world.removeRigidBody(moving[i].get());
     moving.erase(moving.begin() + static_cast<std::ptrdiff_t>(i));
     parts.erase(parts.begin() + static_cast<std::ptrdiff_t>(i));
+  }
+
+  // Until a moment after the highest part has come down.
+  void jolt(double gravities) {
+    double top = 0;
+    for (auto& body : moving) top = std::max<double>(top, body->getWorldTransform().getOrigin().z());
+    const double g = settings.gravity_mm_s2, clamp = settings.most_linear_mm_s;
+    // Free fall up to the clamp, then at that speed.
+    const double fast = clamp * clamp / (2 * g);
+    const double fall_s = top < fast ? std::sqrt(2 * top / g) : clamp / g + (top - fast) / clamp;
+    const double angle = 2 * std::numbers::pi * stream.child("jolt").uniform(static_cast<std::uint64_t>(drops));
+    run_for(fall_s + jolt_s, [&](double t) {
+      const double a = gravities * g * std::sin(2 * std::numbers::pi * jolt_hz * t), turn = angle + turn_rad_s * t;
+      lean(Vector3(a * std::cos(turn), a * std::sin(turn), 0));
+    });
+    lean();
   }
 
   bool slow() const {
@@ -456,7 +479,10 @@ Stacking::~Stacking() = default;
 
 SettleReport Stacking::drop(const std::vector<int>& kinds, const Layout& layout) {
   if (impl_->clamped) throw Error("cannot drop parts into a clamped bin: release the clamp first");
-  return impl_->timed([&] { impl_->lay_out(kinds, layout); });
+  return impl_->timed([&] {
+    impl_->lay_out(kinds, layout);
+    if (layout.jolt_gravities > 0) impl_->jolt(layout.jolt_gravities);
+  });
 }
 
 SettleReport Stacking::settle() {

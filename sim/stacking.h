@@ -42,6 +42,9 @@ struct Layout {
   double spacing_mm = 0;  ///< between centres, in all three directions
   double height_mm = 10;  ///< of the lowest parts above the rim (or above the pile where that is higher)
   bool random_orientation = true;
+  /// The bin is jolted to and fro while the parts come down (times gravity; 0 = not): what stands on a narrow edge by
+  /// chance falls over, as in a bin that people carry.
+  double jolt_gravities = 0.5;
 };
 
 /// Steady: every linear and angular velocity under its threshold at each of `checks` consecutive checks.

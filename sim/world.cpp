@@ -262,6 +262,7 @@ WorldBin read_bin(YamlMap& map, const std::vector<WorldPart>& parts) {
     bin.layout.spacing_mm = layout->number("spacing", 0, 0, 5000, "mm");
     bin.layout.height_mm = layout->number("height", bin.layout.height_mm, 0, 5000, "mm");
     bin.layout.random_orientation = layout->boolean("random_orientation", true);
+    bin.layout.jolt_gravities = layout->number("jolt", bin.layout.jolt_gravities, 0, 2, "g");
     layout->finish();
   }
   map.finish();

@@ -27,7 +27,8 @@
 //       friction: 0.4
 //       restitution: 0.25
 //       fill: {cylinder: 9, wrench: 9}  # parts by name; a part's count falls into the first bin besides
-//       layout: {columns: 3, rows: 2, spacing: 70, height: 10, random_orientation: true}   # before they fall
+//       layout: {columns: 3, rows: 2, spacing: 70, height: 10, random_orientation: true,
+//                jolt: 0.5}            # before and while they fall
 //   physics:                            # see sim/stacking.h; every key may be absent
 //     {gravity: 9810, step: 0.00104, iterations: 10, most_linear: 800, most_angular: 20,
 //      steady: {linear: 5, angular: 0.5, checks: 5, interval: 0.1, time_limit: 20}}
