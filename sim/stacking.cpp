@@ -332,7 +332,7 @@ struct Stacking::Impl {
     const double fall_s = top < fast ? std::sqrt(2 * top / g) : clamp / g + (top - fast) / clamp;
     const double angle = 2 * std::numbers::pi * stream.child("jolt").uniform(static_cast<std::uint64_t>(drops));
     run_for(fall_s + jolt_s, [&](double t) {
-      const double a = gravities * g * std::sin(2 * std::numbers::pi * jolt_hz * t), turn = angle + turn_rad_s * t;
+      const double a = gravities * g * std::cos(2 * std::numbers::pi * jolt_hz * t), turn = angle + turn_rad_s * t;
       lean(Vector3(a * std::cos(turn), a * std::sin(turn), 0));
     });
     lean();
@@ -500,7 +500,8 @@ SettleReport Stacking::shake(double strength) {
     impl_->run_for(shake_s, [&](double t) {
       // The direction wanders round once, so that parts move both ways.
       const double angle = direction + 2 * std::numbers::pi * t / shake_s;
-      const double a = strongest * std::sin(2 * std::numbers::pi * shake_hz * t);
+      // A cosine: the bin's speed, its integral, swings about zero, so that the pile does not drift to one side.
+      const double a = strongest * std::cos(2 * std::numbers::pi * shake_hz * t);
       impl_->lean(Vector3(a * std::cos(angle), a * std::sin(angle), 0));
     });
     impl_->lean();

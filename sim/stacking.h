@@ -52,7 +52,7 @@ struct SteadyRule {
   double linear_mm_s = 5, angular_rad_s = 0.5;
   int checks = 5;
   double interval_s = 0.1;
-  double time_limit_s = 20;  ///< simulated, per settle
+  double time_limit_s = 20;  ///< simulated, from where the bin itself is quiet
 };
 
 struct StackingSettings {

@@ -10,6 +10,7 @@
 #include "core/error.h"
 #include "core/sensor_model.h"
 #include "core/yaml.h"
+#include "sim/sdf_world.h"
 #include "sim/world_physics.h"
 
 namespace binrig {
@@ -362,6 +363,7 @@ bool World::drops() const {
 }
 
 World read_world(const std::string& path) {
+  if (is_sdf(path)) return read_sdf_world(path);
   return read(load_yaml_file(path), path, fs::path(path).parent_path().string());
 }
 

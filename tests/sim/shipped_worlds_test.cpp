@@ -1,5 +1,6 @@
-// Every world that we ship can be read, dropped and seen whole.
-#include <filesystem>
+// The nine worlds of the physics can be read, dropped and seen whole.
+#include <cctype>
+#include <string>
 
 #include <gtest/gtest.h>
 
@@ -9,13 +10,11 @@
 namespace binrig {
 namespace {
 
-TEST(ShippedWorlds, AreThoseOfTheReadmeAndSettle) {
-  int found = 0;
-  for (const auto& entry : std::filesystem::directory_iterator(std::string(BINRIG_SOURCE_DIR) + "/worlds")) {
-    if (entry.path().extension() != ".yaml") continue;
-    ++found;
-    const World world = read_world(entry.path().string());
-    EXPECT_EQ(world.name, entry.path().stem().string());
+TEST(ShippedWorlds, AreReadDroppedAndSeen) {
+  for (const std::string name : {"plane", "cylinder-9", "cylinder-18", "bracket-9", "bracket-18", "wrench-9",
+                                 "wrench-18", "mixed-18", "two-bins"}) {
+    const World world = read_world(std::string(BINRIG_SOURCE_DIR) + "/worlds/" + name + ".yaml");
+    EXPECT_EQ(world.name, name);
     int parts = 0;
     for (const WorldBin& bin : world.bins) {
       for (const auto& [part, count] : bin.fill) parts += count;
@@ -45,7 +44,6 @@ TEST(ShippedWorlds, AreThoseOfTheReadmeAndSettle) {
       EXPECT_TRUE(whole) << world.name << " " << bin.name;
     }
   }
-  EXPECT_EQ(found, 9);
 }
 
 }  // namespace
