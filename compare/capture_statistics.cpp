@@ -36,7 +36,7 @@ struct CaptureStatistics::Impl {
   StatisticContext context;
   std::vector<std::unique_ptr<Statistic>> running;
   std::shared_ptr<const Channels> channels;  // of the regions below
-  std::unique_ptr<CaptureRegions> regions;
+  std::shared_ptr<const CaptureRegions> regions;
   cv::Mat previous_residual, previous_used;
   int number = 0, regions_number = 0;
 
@@ -104,7 +104,8 @@ CaptureStatistics::CaptureStatistics(const StatisticContext& context) : impl_(st
 
 CaptureStatistics::~CaptureStatistics() = default;
 
-void CaptureStatistics::add(const Frame& frame, std::shared_ptr<const Channels> channels) {
+void CaptureStatistics::add(const Frame& frame, std::shared_ptr<const Channels> channels,
+                            std::shared_ptr<const CaptureRegions> regions) {
   if (frame.depth_mm.empty()) return;
   Impl& self = *impl_;
   const cv::Size size(self.context.camera.width, self.context.camera.height);
@@ -112,7 +113,7 @@ void CaptureStatistics::add(const Frame& frame, std::shared_ptr<const Channels> 
     throw Error("Capture " + self.context.capture.key() + ": frame and perfect channels differ in size");
   if (!self.regions || self.channels != channels) {
     self.channels = std::move(channels);
-    self.regions = std::make_unique<CaptureRegions>(*self.channels, self.context);
+    self.regions = regions ? std::move(regions) : std::make_shared<CaptureRegions>(*self.channels, self.context);
     ++self.regions_number;
   }
   ObservedFrame seen;

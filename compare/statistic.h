@@ -125,7 +125,9 @@ class CaptureStatistics {
   ~CaptureStatistics();
   /// Frames in order. `channels` are the perfect ones of the nominal scene at that frame (statistics_channels()); a
   /// static capture shares one object. A frame without images (timeout) is skipped. Throws Error if sizes differ.
-  void add(const Frame& frame, std::shared_ptr<const Channels> channels);
+  /// `regions` are those of the channels where the caller keeps them (they cost more than a frame); made here if null.
+  void add(const Frame& frame, std::shared_ptr<const Channels> channels,
+           std::shared_ptr<const CaptureRegions> regions = nullptr);
   /// In the order of segments(); an empty entry where the capture cannot have the segment.
   std::vector<RawStatistic> finish();
 

@@ -24,11 +24,17 @@ std::vector<double> strongest(const std::vector<float>& histogram, double total,
   std::vector<std::complex<float>> line;
   Fft2(1, n).forward(cv::Mat(1, n, CV_32F, const_cast<float*>(histogram.data())), line);
   std::vector<double> result(bands, 0);
+  std::vector<int> lines(bands, 0);
   const double step = std::log(static_cast<double>(highest + 1) / lowest) / bands;
   for (int m = lowest; m <= std::min(highest, n / 2); ++m) {
     const int band = std::min(bands - 1, static_cast<int>(std::log(static_cast<double>(m) / lowest) / step));
-    result[band] = std::max(result[band], std::abs(line[m]) / total);
+    result[band] = std::max(result[band], static_cast<double>(std::norm(line[m])) / total / total);
+    ++lines[band];
   }
+  // The strongest of n lines of pure chance has a squared modulus of (ln n + 0.58) / samples: taken off, so that the
+  // value does not depend on how many frames there are.
+  for (int b = 0; b < bands; ++b)
+    if (lines[b] > 0) result[b] = std::sqrt(std::max(0.0, result[b] - (std::log(lines[b]) + 0.58) / total));
   return result;
 }
 
@@ -89,7 +95,7 @@ SegmentDeclaration comb_segment() {
   s.begin = [](const StatisticContext& context) -> std::unique_ptr<Statistic> {
     return std::make_unique<Comb>(context);
   };
-  s.stabilise = [](float raw, int, int) { return std::log(raw + 1e-4f); };
+  s.stabilise = [](float raw, int, int) { return std::log(raw + 0.01f); };
   return s;
 }
 

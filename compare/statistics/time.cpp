@@ -208,7 +208,8 @@ SegmentDeclaration time_segment() {
     return std::make_unique<Time>(context);
   };
   s.stabilise = [](float raw, int i, int) {
-    if (i < course) return 0.5f * std::log(raw + 1e-6f);
+    // Whole frames that move by less than 0.01 mm (0.02 mm at the image's edge) are nobody's concern.
+    if (i < course) return 0.5f * std::log(raw + (i == offset_variance ? 1e-4f : 4e-4f));
     if (i < lag_2 || i == motion_response) return raw;
     if (i == repeated || i == holes_stay || i == flicker) return std::asin(std::sqrt(std::clamp(raw, 0.f, 1.f)));
     return std::log(std::max(raw, 1e-3f));

@@ -230,14 +230,15 @@ TEST(Statistics, CombFindsTheDisparityStep) {
 TEST(Statistics, FixedPatternFindsColumnsFinerThanABin) {
   const auto rule = [](float amplitude) {
     return [amplitude](int, int row, int col, float z, const cv::Mat& n) {
-      return z + 0.2f * n.at<float>(row, col) + amplitude * std::cos(2 * 3.14159265f * col / 3);
+      return z + 0.2f * n.at<float>(row, col) + amplitude * std::cos(2 * 3.14159265f * col / 4);
     };
   };
   const auto plain = of(statistics_of(4, rule(0)), "fixed pattern");
   const auto banded = of(statistics_of(4, rule(0.1f)), "fixed pattern");
-  // Period 3 px: frequency 1/3, band 14 of 16 between 1/80 and 1/2.
-  EXPECT_GT(banded.value[12 + 14], 20 * plain.value[12 + 14]);
-  EXPECT_LT(banded.value[12 + 16 + 14], 3 * plain.value[12 + 16 + 14]) << "rows carry nothing";
+  // Period 4 px: frequency 1/4, band 12 of 16 between 1/80 and 1/2; half the square of 0.1 mm.
+  EXPECT_NEAR(banded.value[12 + 12], 0.005, 0.0005);
+  EXPECT_LT(std::abs(plain.value[12 + 12]), 0.0003) << "noise is not fixed: 0.04 mm^2 / 120 rows / 2 frames, twice";
+  EXPECT_LT(banded.value[12 + 16 + 12], 0.0005) << "rows carry nothing";
 }
 
 TEST(Statistics, TransformIsADifferenceOfStabilisedValues) {

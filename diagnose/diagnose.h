@@ -1,0 +1,103 @@
+// The diagnosis: where a model fails on a recording set, which physical effect it lacks, or that it lacks nothing, or
+// that what it lacks is none of those known.
+#pragma once
+
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "diagnose/search.h"
+#include "diagnose/verdict.h"
+
+namespace binrig {
+
+struct DiagnosisOptions {
+  int most_effects = 4;  ///< added one after another
+  int simulations = 40;  ///< of each model, for its own randomness
+  std::uint64_t seed = 1;
+  std::string provenance;  ///< written into the improved model: which recording, when
+};
+
+/// Score of a model on the held-out captures: mean square of the whitened residual, less that of the last model's own
+/// simulations, plus 1. The unit is the last model's randomness and the segments' practical floors together; the last
+/// model's own simulations score 1.
+struct Score {
+  double heldout = 0;
+  double band_low = 0, band_high = 0;  ///< 95 % of the last model's own simulations
+  double proper = 0;  ///< mean squared whitened residual plus mean ln variance, by the model's own spread
+  std::map<std::string, double> by_channel;
+  std::map<std::string, double> by_segment;
+  double bias_rms_mm = 0, noise_ratio = 0, mask_difference = 0;  ///< in plain units: rms of bias maps, sd measured over
+                                                                 ///< simulated, mean difference of drop-out shares
+};
+
+struct LadderStep {
+  int step = 0;
+  std::string added;  ///< "" = the start
+  SensorModel model;
+  Score score;
+};
+
+struct CandidateReport {
+  std::string effect, id;
+  PValue p;
+  int null_count = 0;
+  double evidence = 0;  ///< held-out gain of chi
+  double train_gain = 0;
+  double heldout_after = 0;
+  std::vector<std::pair<FitParameter, ParameterValue>> parameters;
+  std::vector<std::string> confounded_with;
+};
+
+struct Unexplained {
+  std::string channel, segment;
+  double ratio = 1;  ///< mean square of the residual over that of the model's own simulations
+  double share = 0;  ///< of the residual beyond the model's randomness that the covariates explain, held out
+  std::vector<std::string> covariates;
+  std::string shape;
+  std::string formula;  ///< a ready-to-paste effect, or ""
+};
+
+struct LinearRank {
+  std::string effect;
+  double gain = 0, price = 0;
+  PValue p;
+};
+
+struct Diagnosis {
+  Verdict verdict = Verdict::not_enough_data;
+  std::string headline;
+  std::vector<std::string> reasons;
+  std::vector<CandidateReport> candidates;  ///< significant and confirmed, best first
+  std::vector<LinearRank> ranking;          ///< all hypotheses at the start, by gain
+  std::vector<Untested> untested;
+  std::vector<Unexplained> unexplained;
+  std::vector<std::string> advice;
+  std::vector<LadderStep> ladder;
+  SensorModel improved;  ///< last model, with intervals and provenance
+  std::vector<std::string> warnings;
+  double seconds = 0;
+  long simulations = 0;  ///< captures simulated, not taken from the cache
+
+  /// Bias maps (mm, measured less simulated, poses taken out) before and after, for the report: capture key -> maps.
+  struct Maps {
+    std::string capture;
+    cv::Mat before, after, valid;
+  };
+  std::vector<Maps> maps;
+};
+
+/// Reads frame i of capture c (index into forward.captures()), measured.
+Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& reader, const SensorModel& model,
+                   SimulationCache& cache, const DiagnosisOptions& options);
+
+/// Headline, reasons and advice from the rest. `lacking`: Evidence::lacking.
+void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, const std::vector<std::string>& lacking);
+
+/// diagnosis.json and ladder.json.
+std::string diagnosis_json(const Diagnosis& diagnosis);
+std::string ladder_json(const Diagnosis& diagnosis);
+
+}  // namespace binrig

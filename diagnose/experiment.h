@@ -1,0 +1,93 @@
+// The experiment: the captures of a recording set, read as one long vector of statistics, measured or simulated.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "compare/statistic.h"
+#include "core/forward_model.h"
+#include "diagnose/cache.h"
+
+namespace binrig {
+
+/// Stabilised statistics of all captures; NaN = unknown (the only place where NaN means something).
+using StatVector = std::vector<float>;
+
+/// One segment of one capture in the vector.
+struct Block {
+  int capture = 0, segment = 0;
+  int offset = 0, size = 0;
+  int rows = 1, cols = 0;  ///< of a map
+  bool train = true;
+};
+
+struct Layout {
+  std::vector<Block> blocks;
+  int size = 0;
+  int captures = 0;
+  std::vector<bool> train;  ///< by capture
+  /// The block of a capture's segment, or null.
+  const Block* find(int capture, const std::string& segment_name) const;
+};
+
+/// Which captures take part.
+enum class Part { all, train, test };
+
+/// One simulation of the set.
+struct Trial {
+  SensorModel model;
+  std::vector<Offset> offsets;  ///< by capture; empty = nominal
+  std::uint64_t seed = 1;
+  Part part = Part::all;
+  /// No more than this many frames of a capture, unless it is a series from power-on: most statistics do not depend on
+  /// the number of frames but for their scatter. 0 = all.
+  int most_frames = 0;
+  bool shorten_series = false;  ///< series from power-on, too
+};
+
+class Experiment {
+ public:
+  /// All captures that `forward` can simulate. `model` says where camera and projector are. Throws Error if there are
+  /// none. All three must outlive the experiment.
+  Experiment(const ForwardModel& forward, const SensorModel& model, SimulationCache& cache);
+
+  const ForwardModel& forward() const { return forward_; }
+  const Layout& layout() const { return layout_; }
+  const std::vector<CaptureInfo>& captures() const { return forward_.captures(); }
+  const StatisticContext& context(int capture) const { return contexts_[capture]; }
+  /// Perfect channels of the nominal scene (first frame): what the statistics read.
+  const Channels& nominal(int capture) const { return *nominal_[capture]; }
+  std::shared_ptr<const CaptureRegions> regions(int capture) const { return regions_[capture]; }
+  bool repeats() const;
+
+  using FrameReader = std::function<Frame(int capture, int frame)>;
+  /// Statistics of measured frames. A frame that cannot be read is left out and named in `unreadable`.
+  StatVector measure(const FrameReader& reader, std::vector<std::string>& unreadable) const;
+
+  /// Statistics of simulated recordings, in parallel over captures. Same trial, same bytes; kept in the cache.
+  std::vector<StatVector> simulate(const std::vector<Trial>& trials, const std::string& progress = "") const;
+
+  /// Number of capture simulations that were really made (not found in the cache).
+  long simulated() const { return simulated_; }
+
+ private:
+  void put(int capture, const std::vector<RawStatistic>& raw, StatVector& vector) const;
+  std::shared_ptr<const Channels> nominal_at(int capture, int frame) const;
+  void simulate_capture(const Trial& trial, int capture, StatVector& vector) const;
+
+  const ForwardModel& forward_;
+  SensorModel base_;
+  SimulationCache& cache_;
+  Layout layout_;
+  std::vector<StatisticContext> contexts_;
+  std::vector<std::shared_ptr<const Channels>> nominal_;
+  std::vector<std::shared_ptr<const CaptureRegions>> regions_;
+  std::uint64_t set_key_ = 0;
+  mutable std::atomic<long> simulated_{0};
+};
+
+}  // namespace binrig

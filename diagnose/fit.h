@@ -1,0 +1,71 @@
+// Parameters fitted by simulating again and again: damped Gauss-Newton on the whitened statistics with common random
+// numbers. Nothing is known of a parameter but its declaration.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "diagnose/metric.h"
+
+namespace binrig {
+
+/// A parameter of an effect instance, with the scale on which it is fitted (logarithmic where declared so).
+struct FitParameter {
+  std::string id, name, unit;
+  bool logarithmic = false, circular = false;
+  double lower = 0, upper = 0;               ///< natural units
+  double prior_centre = 0, prior_sigma = 1;  ///< on the scale of the fit; wide
+  double step = 0.1, longest = 0.6;          ///< of derivatives, and of one iteration; on the scale of the fit
+
+  double scaled(double value) const;
+  double natural(double scaled_value) const;
+};
+
+/// The continuous parameters of the instances named (all if empty). The prior is centred on the model's value.
+std::vector<FitParameter> fit_parameters(const SensorModel& model, const EffectCatalogue& catalogue,
+                                         const std::vector<std::string>& ids = {});
+
+struct FitOptions {
+  int seeds = 2;
+  int most_frames = 0;  ///< of Trial
+  bool shorten_series = false;
+  int iterations = 5;    ///< 0: only the derivatives at the start
+  double converged = 1;  ///< change of chi
+  Part part = Part::train;
+  std::uint64_t seed = 101;
+  std::vector<std::string> scan_ids;  ///< instances whose whole-number parameters are varied, too
+};
+
+struct Fit {
+  SensorModel model;
+  std::vector<FitParameter> parameters;
+  Eigen::VectorXd value;           ///< on the scale of the fit
+  Eigen::MatrixXd precision;       ///< of value, prior included
+  std::vector<Whitened> jacobian;  ///< change of y per unit, shrunk
+  Whitened residual;               ///< compressed difference of the data and the mean of the model's simulations
+  double chi = 0;                  ///< r'Qr without the simulations' own noise, plus the prior's part
+  int rounds = 0;
+  bool converged = false;
+};
+
+/// Mean of whitened (not compressed) simulations, and how much their own noise adds to r'r.
+struct MeanOfSimulations {
+  Whitened mean;
+  double noise = 0;
+};
+MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector>& simulations);
+
+/// r'Qr less the noise of the simulated mean.
+double chi_of(const Metric& metric, const Whitened& residual, double noise);
+
+/// `data` is Standard::linear of the measurement. Simulates again and again until chi changes by less than `converged`.
+Fit fit_model(const Experiment& experiment, const Standard& standard, const Metric& metric, const Whitened& data,
+              const SensorModel& start, const std::vector<FitParameter>& parameters, const std::vector<Offset>& offsets,
+              const FitOptions& options);
+
+/// The model with the fit's values, 95 % intervals from its precision (widened by `dispersion`), and provenance.
+void write_intervals(SensorModel& model, const Fit& fit, double dispersion, const std::string& provenance);
+
+}  // namespace binrig

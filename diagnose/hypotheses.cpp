@@ -1,0 +1,130 @@
+#include "diagnose/hypotheses.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/error.h"
+
+namespace binrig {
+namespace {
+
+constexpr double half_pi = 1.57079632679489662;
+
+double clip(const ParameterSpec& spec, double value) {
+  value = std::clamp(value, spec.lower, spec.upper);
+  return spec.kind == ParameterKind::integer ? std::round(value) : value;
+}
+
+/// A share 0..1 of the way from the typical range's low to its high end.
+double along(const ParameterSpec& spec, double share) {
+  const double a = spec.typical_low, b = spec.typical_high;
+  if (spec.log_scaled && a > 0 && b > 0) return clip(spec, a * std::pow(b / a, share));
+  return clip(spec, a + share * (b - a));
+}
+
+/// Amplitude nodes from weak to strong.
+std::vector<double> amplitudes(const EffectDeclaration& effect, const ParameterSpec& spec, bool many) {
+  std::vector<double> nodes;
+  const bool discrete = !spec.interpolate || spec.kind == ParameterKind::integer;
+  if (discrete) {
+    for (double share : {0.15, 0.5, 0.85}) nodes.push_back(along(spec, effect.stronger_is_larger ? share : 1 - share));
+  } else {
+    nodes.push_back(clip(spec, strength_value(effect, Strength::medium)));
+    if (many) nodes.push_back(clip(spec, strength_value(effect, Strength::strong)));
+  }
+  nodes.erase(std::unique(nodes.begin(), nodes.end()), nodes.end());
+  return nodes;
+}
+
+bool is_discrete(const ParameterSpec& spec) { return !spec.interpolate || spec.kind == ParameterKind::integer; }
+
+Hypothesis make(const EffectDeclaration& effect) {
+  Hypothesis hypothesis{effect.name, &effect, {}};
+  const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
+  if (!amplitude) return hypothesis;
+
+  std::map<std::string, double> initial;
+  const ParameterSpec* phase = nullptr;
+  for (const auto& spec : effect.parameters) {
+    initial[spec.name] = spec.initial;
+    if (spec.kind == ParameterKind::phase && &spec != amplitude) phase = &spec;
+  }
+  // The other parameters one at a time about their initial values: enough for the shortlist, which is then refined.
+  std::vector<std::map<std::string, double>> shapes{initial};
+  for (const auto& spec : effect.parameters) {
+    if (&spec == amplitude || spec.kind == ParameterKind::phase || spec.typical_low == spec.typical_high) continue;
+    for (double share : {0.15, 0.85}) {
+      auto shape = initial;
+      shape[spec.name] = along(spec, share);
+      if (std::abs(shape[spec.name] - spec.initial) > 1e-9) shapes.push_back(shape);
+    }
+    if (spec.either_sign) {
+      auto shape = initial;
+      shape[spec.name] = clip(spec, -along(spec, 0.5));
+      shapes.push_back(shape);
+    }
+  }
+  for (std::size_t k = 0; k < shapes.size(); ++k) {
+    StrengthPath path;
+    path.interpolate = !is_discrete(*amplitude);
+    path.mirror = amplitude->either_sign && path.interpolate;
+    for (double a : amplitudes(effect, *amplitude, k == 0 && !phase)) {
+      Atom atom{shapes[k]};
+      atom.values[effect.amplitude] = a;
+      path.atoms.push_back(atom);
+    }
+    if (phase)
+      for (auto& atom : path.atoms) atom.values[phase->name] = 0;
+    hypothesis.paths.push_back(path);
+    if (phase) {
+      StrengthPath quarter = path;
+      quarter.quadrature_of = static_cast<int>(hypothesis.paths.size()) - 1;
+      for (auto& atom : quarter.atoms) atom.values[phase->name] = half_pi;
+      hypothesis.paths.push_back(quarter);
+    }
+    if (amplitude->either_sign && !path.interpolate) {
+      StrengthPath negative = path;
+      for (auto& atom : negative.atoms)
+        atom.values[effect.amplitude] = clip(*amplitude, -atom.values[effect.amplitude]);
+      hypothesis.paths.push_back(negative);
+    }
+  }
+  return hypothesis;
+}
+
+}  // namespace
+
+SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& effect,
+                        const std::map<std::string, double>& values) {
+  SensorModel result = model;
+  add_effect(result, catalogue, effect, values);
+  return result;
+}
+
+Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model) {
+  Hypotheses result;
+  const EffectCatalogue& catalogue = forward.catalogue();
+  for (const EffectDeclaration* effect : catalogue.all()) {
+    if (effect->user_defined) continue;
+    const bool present = std::any_of(model.effects.begin(), model.effects.end(),
+                                     [&](const EffectInstance& e) { return e.effect == effect->name; });
+    if (present) continue;
+    Hypothesis hypothesis = make(*effect);
+    if (hypothesis.paths.empty()) continue;
+    try {
+      const SensorModel extended = with_effect(model, catalogue, effect->name, hypothesis.paths[0].atoms[0].values);
+      bool able = true;
+      for (const auto& [id, reason] : forward.inactive(extended))
+        if (!model.find(id)) able = false;
+      if (able)
+        result.tested.push_back(std::move(hypothesis));
+      else
+        result.untested.push_back({effect->name, effect->needs.words()});
+    } catch (const Error&) {
+      result.untested.push_back({effect->name, effect->needs.words()});
+    }
+  }
+  return result;
+}
+
+}  // namespace binrig

@@ -1,0 +1,50 @@
+// What could be missing: every effect of the catalogue that the model lacks, made into a handful of models to simulate.
+// Nothing is known of an effect here but its declaration.
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "core/forward_model.h"
+
+namespace binrig {
+
+/// One model to simulate: the base with one effect added at these values.
+struct Atom {
+  std::map<std::string, double> values;
+};
+
+/// Atoms of growing strength at one setting of the other parameters. Between "absent" and the atoms, the trace in the
+/// data is interpolated unless the amplitude is discrete: then every atom stands for itself.
+struct StrengthPath {
+  std::vector<Atom> atoms;
+  bool interpolate = true;
+  bool mirror = false;     ///< the opposite sign is taken as the opposite trace
+  int quadrature_of = -1;  ///< index of the path a quarter period before: both together span every phase
+};
+
+struct Hypothesis {
+  std::string effect;
+  const EffectDeclaration* declaration = nullptr;
+  std::vector<StrengthPath> paths;
+};
+
+/// Effects that this recording could not show: name and unmet needs.
+struct Untested {
+  std::string effect;
+  std::vector<std::string> needs;
+};
+
+struct Hypotheses {
+  std::vector<Hypothesis> tested;
+  std::vector<Untested> untested;
+};
+
+Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model);
+
+/// The model with the effect added at the values.
+SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& effect,
+                        const std::map<std::string, double>& values);
+
+}  // namespace binrig

@@ -1,0 +1,55 @@
+// Inner products in which nuisances do not count: poses, intrinsics, and the parameters that the model already has are
+// marginalised with their priors (DIAGNOSIS.md section 2; in a linear Gaussian model, marginalising x with precision P
+// out of y = N x + noise turns the metric W = 1 into Q = 1 - N (N'N + P)^-1 N').
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "diagnose/standard.h"
+
+namespace binrig {
+
+/// A nuisance: what y moves by when it moves by one unit of its prior's standard deviation.
+struct NuisanceRow {
+  Whitened change;
+  int capture = -1;  ///< the one capture that it touches; -1 = all
+};
+
+class Metric {
+ public:
+  Metric() = default;
+  /// `part`: only these captures count. `global_precision`: prior precision of the global rows in their order (in units
+  /// of one prior standard deviation); empty = identity.
+  Metric(const Layout& layout, Part part, const std::vector<NuisanceRow>& rows,
+         const Eigen::MatrixXd& global_precision = {});
+
+  /// Q v, zero in captures that do not count.
+  Whitened apply(const Whitened& v) const;
+  /// Most probable values of the nuisances given y, in the order of the rows given (pose rows of captures that do not
+  /// count: 0).
+  std::vector<double> estimate(const Whitened& y) const;
+  /// Posterior precision of the global rows: their prior for another part of the data.
+  const Eigen::MatrixXd& global_posterior() const { return posterior_; }
+  Part part() const { return part_; }
+
+ private:
+  struct Group {
+    int begin = 0, end = 0;   // span of the capture in the vector
+    std::vector<int> rows;    // index in the list given
+    Eigen::MatrixXf change;   // rows x span
+    Eigen::MatrixXd inverse;  // (N N' + 1)^-1
+  };
+  void apply_local(Whitened& v) const;
+
+  Part part_ = Part::all;
+  std::vector<std::pair<int, int>> spans_;  // that count
+  std::vector<Group> groups_;
+  std::vector<int> global_index_;
+  std::vector<Whitened> global_, global_applied_;  // rows, and Q_local of them
+  Eigen::MatrixXd posterior_, inverse_;
+  std::size_t size_ = 0, row_count_ = 0;
+};
+
+}  // namespace binrig

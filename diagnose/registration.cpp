@@ -1,0 +1,137 @@
+#include "diagnose/registration.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "compare/statistics/grid.h"
+#include "core/parallel.h"
+
+namespace binrig {
+namespace {
+
+constexpr float largest_change_mm = 5.f;  // beyond: another surface came into the pixel
+
+/// Bias map's change (mm a sigma, by central difference) for an offset of one sigma and its opposite.
+std::vector<std::pair<int, float>> change_of(const Experiment& experiment, const SensorModel& model, int capture,
+                                             const Offset& plus, const Offset& minus) {
+  const Block* block = experiment.layout().find(capture, "bias");
+  if (!block) return {};
+  const auto wanted = static_cast<ChannelSet>(Channel::depth);
+  const auto high = experiment.forward().perfect(capture, 0, plus, wanted, model);
+  const auto low = experiment.forward().perfect(capture, 0, minus, wanted, model);
+  cv::Mat change = cv::Mat::zeros(high->depth_mm.size(), CV_32F), mask = cv::Mat::zeros(change.size(), CV_32F);
+  const cv::Mat& interior = experiment.regions(capture)->interior;
+  for (std::size_t p = 0; p < change.total(); ++p) {
+    const float a = high->depth_mm.ptr<float>()[p], b = low->depth_mm.ptr<float>()[p];
+    if (a <= 0 || b <= 0 || interior.ptr<float>()[p] == 0 || std::abs(a - b) > largest_change_mm) continue;
+    change.ptr<float>()[p] = 0.5f * (a - b);
+    mask.ptr<float>()[p] = 1;
+  }
+  const StatisticContext& context = experiment.context(capture);
+  const Grid grid(context, context.bin_px());
+  std::vector<double> sums(grid.size()), counts(grid.size());
+  grid.add(change, mask, sums);
+  grid.add(mask, mask, counts);
+  std::vector<std::pair<int, float>> result;
+  for (int i = 0; i < grid.size(); ++i)
+    if (counts[i] > 0) result.emplace_back(block->offset + i, static_cast<float>(sums[i] / counts[i]));
+  return result;
+}
+
+void set(Offset& offset, int element, double value) {
+  if (element < 6)
+    offset.pose[element] = value;
+  else
+    (element == 6 ? offset.focal_px : element == 7 ? offset.cx_px : offset.cy_px) = value;
+}
+
+double get(const Offset& offset, int element) {
+  return element < 6    ? offset.pose[element]
+         : element == 6 ? offset.focal_px
+         : element == 7 ? offset.cx_px
+                        : offset.cy_px;
+}
+
+}  // namespace
+
+RegistrationPrior registration_prior(const SetInfo& set, const Camera& camera) {
+  RegistrationPrior prior;
+  prior.focal_px = 0.002 * camera.fx;
+  if (set.pose_sigma_mm && !set.poses_fitted_to_this_depth) {
+    prior.pose_mm = std::max(1e-3, *set.pose_sigma_mm);
+    prior.poses_known = true;
+  }
+  if (set.pose_sigma_rad && !set.poses_fitted_to_this_depth) prior.pose_rad = std::max(1e-6, *set.pose_sigma_rad);
+  if (set.cam_K_sigma_px) {
+    prior.focal_px = std::max(1e-3, (*set.cam_K_sigma_px)[0]);
+    prior.cx_px = std::max(1e-3, (*set.cam_K_sigma_px)[1]);
+    prior.cy_px = std::max(1e-3, (*set.cam_K_sigma_px)[2]);
+  }
+  return prior;
+}
+
+std::vector<SceneMotion> scene_motions(const Experiment& experiment, const SensorModel& model,
+                                       const RegistrationPrior& prior) {
+  const int captures = experiment.layout().captures;
+  std::vector<SceneMotion> motions;
+  for (int c = 0; c < captures; ++c)
+    for (int k = 0; k < 6; ++k) motions.push_back({c, k, k < 3 ? prior.pose_rad : prior.pose_mm, {}});
+  const double intrinsics[] = {prior.focal_px, prior.cx_px, prior.cy_px};
+  for (int k = 0; k < 3; ++k) motions.push_back({-1, 6 + k, intrinsics[k], {}});
+  std::vector<std::vector<std::vector<std::pair<int, float>>>> shared(
+      3, std::vector<std::vector<std::pair<int, float>>>(captures));
+  parallel_for(captures, [&](int c) {
+    for (auto& motion : motions) {
+      if (motion.capture >= 0 && motion.capture != c) continue;
+      // Rotations of a thousandth and shifts of a millimetre are small, and large against rounding of float depth.
+      const double step = motion.element < 3 ? std::max(motion.sigma, 1e-3) : std::max(motion.sigma, 0.5);
+      Offset plus, minus;
+      set(plus, motion.element, step);
+      set(minus, motion.element, -step);
+      auto change = change_of(experiment, model, c, plus, minus);
+      for (auto& [index, value] : change) value *= static_cast<float>(motion.sigma / step);
+      if (motion.capture >= 0)
+        motion.change = std::move(change);
+      else
+        shared[motion.element - 6][c] = std::move(change);
+    }
+  });
+  for (auto& motion : motions)
+    if (motion.capture < 0)
+      for (const auto& part : shared[motion.element - 6])
+        motion.change.insert(motion.change.end(), part.begin(), part.end());
+  return motions;
+}
+
+std::vector<NuisanceRow> motion_rows(const Layout& layout, const Standard& standard,
+                                     const std::vector<SceneMotion>& motions) {
+  std::vector<NuisanceRow> rows(motions.size());
+  parallel_for(static_cast<int>(motions.size()), [&](int m) {
+    StatVector raw(layout.size, 0.f);
+    for (const auto& [index, value] : motions[m].change) raw[index] = value;
+    rows[m] = {standard.difference(raw), motions[m].capture};
+  });
+  return rows;
+}
+
+std::vector<Offset> offsets_of(const Layout& layout, const std::vector<SceneMotion>& motions,
+                               const std::vector<double>& values, const std::vector<Offset>& start) {
+  std::vector<Offset> offsets = start;
+  offsets.resize(layout.captures);
+  for (std::size_t m = 0; m < motions.size(); ++m)
+    for (int c = 0; c < layout.captures; ++c) {
+      if (motions[m].capture >= 0 && motions[m].capture != c) continue;
+      const double old = get(offsets[c], motions[m].element), limit = 4 * motions[m].sigma;
+      set(offsets[c], motions[m].element, std::clamp(old + values[m] * motions[m].sigma, -limit, limit));
+    }
+  return offsets;
+}
+
+StatVector shift_of(const Layout& layout, const std::vector<SceneMotion>& motions, const std::vector<double>& values) {
+  StatVector shift(layout.size, 0.f);
+  for (std::size_t m = 0; m < motions.size(); ++m)
+    for (const auto& [index, value] : motions[m].change) shift[index] += static_cast<float>(values[m]) * value;
+  return shift;
+}
+
+}  // namespace binrig

@@ -1,0 +1,40 @@
+// Where the targets really stood and what the lens really was: nuisances with priors, fitted and marginalised.
+#pragma once
+
+#include <vector>
+
+#include "diagnose/metric.h"
+
+namespace binrig {
+
+/// How well poses and intrinsics are known; generous where the set does not say.
+struct RegistrationPrior {
+  double pose_mm = 2, pose_rad = 0.005;
+  double focal_px = 2, cx_px = 0.5, cy_px = 0.5;
+  bool poses_known = false;
+};
+RegistrationPrior registration_prior(const SetInfo& set, const Camera& camera);
+
+/// First derivatives of the bias maps by poses (6 a capture, rotations first) and intrinsics, from perfect depth alone:
+/// what the maps change by when one of them moves by one prior sigma. Masks and edges move, too, but by less than their
+/// own scatter; they get it through random poses in the simulations that the spread is learned from.
+struct SceneMotion {
+  int capture = -1;                           ///< -1: an intrinsic, touches all
+  int element = 0;                            ///< of Offset::pose, or 6, 7, 8 = focal length, cx, cy
+  double sigma = 0;                           ///< one prior sigma
+  std::vector<std::pair<int, float>> change;  ///< element of the vector, mm
+};
+std::vector<SceneMotion> scene_motions(const Experiment& experiment, const SensorModel& model,
+                                       const RegistrationPrior& prior);
+
+/// The motions as rows of a metric under a standard.
+std::vector<NuisanceRow> motion_rows(const Layout& layout, const Standard& standard,
+                                     const std::vector<SceneMotion>& motions);
+/// Offsets by capture of values in prior sigmas (order of the motions), added to `start` (empty = nominal). Values are
+/// clipped to 4 sigmas: what lies beyond is no small motion.
+std::vector<Offset> offsets_of(const Layout& layout, const std::vector<SceneMotion>& motions,
+                               const std::vector<double>& values, const std::vector<Offset>& start);
+/// What the bias maps move by for given values; 0 elsewhere.
+StatVector shift_of(const Layout& layout, const std::vector<SceneMotion>& motions, const std::vector<double>& values);
+
+}  // namespace binrig

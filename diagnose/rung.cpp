@@ -1,0 +1,177 @@
+#include "diagnose/rung.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include <Eigen/Cholesky>
+
+#include "core/parallel.h"
+#include "core/random.h"
+
+namespace binrig {
+namespace {
+
+constexpr int short_frames = 2;
+
+/// A handful of short simulations for the weights of a fit.
+std::vector<StatVector> short_simulations(const Experiment& experiment, const SensorModel& model,
+                                          const std::vector<Offset>& offsets, bool series, std::uint64_t seed) {
+  std::vector<Trial> trials;
+  for (int k = 0; k < 8; ++k)
+    trials.push_back({model, offsets, seed + static_cast<std::uint64_t>(k), Part::all, short_frames, !series});
+  return experiment.simulate(trials, "learning the model's own randomness");
+}
+
+/// How well the spread of simulations, not only their mean, fits the data on train: mean of z^2 + ln variance.
+double proper_score(const Layout& layout, const Standard& standard, const StatVector& data) {
+  const Whitened z = [&] {
+    Whitened d(layout.size, 0.f);
+    for (int i = 0; i < layout.size; ++i)
+      if (standard.spread()[i] > 0 && !std::isnan(data[i])) d[i] = (data[i] - standard.mean()[i]) / standard.spread()[i];
+    return d;
+  }();
+  double sum = 0, count = 0;
+  for (const auto& block : layout.blocks) {
+    // Maps of bias hold the poses, too, and would drown the rest.
+    if (!block.train || segments()[block.segment].name == "bias") continue;
+    double own = 0, n = 0;
+    for (int i = block.offset; i < block.offset + block.size; ++i)
+      if (standard.spread()[i] > 0) own += std::min(64.f, z[i] * z[i]) + 2 * std::log(standard.spread()[i]), n += 1;
+    if (n > 0) sum += own / n, count += 1;
+  }
+  return count > 0 ? sum / count : 0;
+}
+
+/// Tries the other choices of the model's own switches: they change how random it is, which no mean shows.
+SensorModel best_switches(const Experiment& experiment, const StatVector& data, SensorModel model,
+                          const std::vector<Offset>& offsets, std::uint64_t seed) {
+  const auto score = [&](const SensorModel& candidate) {
+    std::vector<Trial> trials;
+    for (int k = 0; k < 8; ++k) trials.push_back({candidate, offsets, seed + static_cast<std::uint64_t>(k), Part::train, 0, true});
+    return proper_score(experiment.layout(), Standard(experiment.layout(), experiment.simulate(trials)), data);
+  };
+  std::optional<double> now;
+  for (std::size_t e = 0; e < model.effects.size(); ++e) {
+    const auto options = model.effects[e].declaration(experiment.forward().catalogue()).options;
+    for (const auto& option : options) {
+      if (option.choices.size() < 2 || model.effects[e].own_declaration) continue;
+      const auto given = model.effects[e].options.find(option.name);
+      const std::string present = given == model.effects[e].options.end() ? option.default_value : given->second;
+      if (!now) now = score(model);
+      for (const auto& choice : option.choices) {
+        if (choice == present) continue;
+        SensorModel other = model;
+        other.effects[e].options[option.name] = choice;
+        const double theirs = score(other);
+        if (theirs < *now - 0.02) now = theirs, model = other;
+      }
+    }
+  }
+  return model;
+}
+
+/// Moves the targets to where the bias maps want them; true if any moved by more than a fifth of its prior sigma.
+bool register_targets(const Layout& layout, const std::vector<SceneMotion>& motions,
+                      const std::vector<NuisanceRow>& rows, const Whitened& data, std::vector<Offset>& offsets) {
+  const auto values = Metric(layout, Part::all, rows).estimate(data);
+  offsets = offsets_of(layout, motions, values, offsets);
+  return std::any_of(values.begin(), values.end(), [](double v) { return std::abs(v) > 0.2; });
+}
+
+}  // namespace
+
+Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const StatVector& data,
+              const SensorModel& start, const std::vector<Offset>& offsets, const RungOptions& options) {
+  const Layout& layout = experiment.layout();
+  const EffectCatalogue& catalogue = experiment.forward().catalogue();
+  Rung rung;
+  rung.model = start;
+  rung.offsets = offsets;
+  rung.offsets.resize(layout.captures);
+  std::vector<std::string> ids;
+  for (const auto& effect : start.effects) ids.push_back(effect.id);
+  const auto parameters = fit_parameters(start, catalogue);
+
+  const bool series = std::any_of(start.effects.begin(), start.effects.end(), [&](const EffectInstance& e) {
+    const Needs& needs = e.declaration(catalogue).needs;
+    return needs.power_on || needs.repeats || needs.motion;
+  });
+  // Again and again: the spread that the fit is weighted with is the model's own and changes with it.
+  for (int pass = 0; pass < options.passes; ++pass) {
+    rung.standard =
+        Standard(layout, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
+    const auto rows = motion_rows(layout, rung.standard, motions);
+    if (register_targets(layout, motions, rows, rung.standard.standardise(data), rung.offsets))
+      rung.standard =
+          Standard(layout, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
+    FitOptions fit;
+    fit.seeds = 2;  // one would take the noise of its own simulation for a trace of the parameters
+    fit.most_frames = short_frames;
+    fit.shorten_series = !series;
+    fit.iterations = options.iterations;
+    fit.converged = 5;
+    fit.seed = options.seed + 500;
+    if (pass + 1 == options.passes) fit.scan_ids = ids;
+    rung.fit = fit_model(experiment, rung.standard, Metric(layout, Part::train, rows), rung.standard.linear(data),
+                         rung.model, parameters, rung.offsets, fit);
+    rung.model = rung.fit.model;
+  }
+
+  if (options.try_switches)
+    rung.model = best_switches(experiment, data, rung.model, rung.offsets, options.seed + 9500);
+
+  // The model's own randomness, with everything that may differ from recording to recording.
+  std::vector<std::vector<double>> draws(options.pose_draws, std::vector<double>(motions.size()));
+  std::vector<StatVector> draw_shift;
+  for (int d = 0; d < options.pose_draws; ++d) {
+    const RandomStream stream = RandomStream(options.seed).child("registration").child(static_cast<std::uint64_t>(d));
+    for (std::size_t m = 0; m < motions.size(); ++m) draws[d][m] = stream.normal(m);
+    draw_shift.push_back(shift_of(layout, motions, draws[d]));
+  }
+  std::vector<Trial> trials;
+  std::vector<StatVector> shifts;
+  for (int k = 0; k < options.simulations; ++k) {
+    const int d = k % options.pose_draws;
+    trials.push_back({rung.model, offsets_of(layout, motions, draws[d], rung.offsets),
+                      options.seed + 1000 + static_cast<std::uint64_t>(k), Part::all});
+    shifts.push_back(draw_shift[d]);
+  }
+  rung.simulations = experiment.simulate(trials, "learning the model's own randomness");
+  rung.standard = Standard(layout, rung.simulations, shifts);
+  shifts.clear();
+  auto rows = motion_rows(layout, rung.standard, motions);
+  rung.data = rung.standard.standardise(data);
+
+  FitOptions derivatives;
+  derivatives.seeds = 2;
+  derivatives.iterations = 0;
+  derivatives.most_frames = 3;
+  derivatives.shorten_series = !series;
+  derivatives.seed = options.seed + 500;
+  derivatives.part = Part::all;
+  const int rounds = rung.fit.rounds;
+  const bool converged = rung.fit.converged;
+  rung.fit = fit_model(experiment, rung.standard, Metric(layout, Part::train, rows), rung.standard.linear(data),
+                       rung.model, parameters, rung.offsets, derivatives);
+  rung.fit.rounds = rounds;
+  rung.fit.converged = converged;
+
+  const int n = static_cast<int>(rung.fit.parameters.size());
+  for (int p = 0; p < n; ++p) {
+    NuisanceRow row{rung.fit.jacobian[p], -1};
+    for (float& v : row.change) v *= static_cast<float>(rung.fit.parameters[p].prior_sigma);
+    rows.push_back(std::move(row));
+  }
+  rung.train = Metric(layout, Part::train, rows);
+  rung.test = Metric(layout, Part::test, rows, rung.train.global_posterior());
+  rung.nulls.resize(rung.simulations.size());
+  parallel_for(static_cast<int>(rung.simulations.size()),
+               [&](int k) { rung.nulls[k] = rung.standard.standardise(rung.simulations[k]); });
+  double null_square = 0;
+  for (const auto& null : rung.nulls) null_square += dot(null, rung.train.apply(null)) / rung.nulls.size();
+  if (null_square > 0) rung.dispersion = std::max(1.0, dot(rung.data, rung.train.apply(rung.data)) / null_square);
+  return rung;
+}
+
+}  // namespace binrig

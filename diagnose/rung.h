@@ -1,0 +1,35 @@
+// A rung of the ladder: a model fitted to the train captures, with its own randomness and its nuisances.
+#pragma once
+
+#include <vector>
+
+#include "diagnose/fit.h"
+#include "diagnose/registration.h"
+
+namespace binrig {
+
+struct Rung {
+  SensorModel model;
+  Fit fit;                              ///< of the model's own parameters, on train
+  std::vector<Offset> offsets;          ///< where the targets stand, given this model
+  Standard standard;                    ///< from simulations of this model with random poses
+  std::vector<StatVector> simulations;  ///< those simulations
+  std::vector<Whitened> nulls;          ///< the same, whitened: recordings in which nothing is missing
+  Metric train, test;                   ///< poses, intrinsics and the model's own parameters marginalised
+  Whitened data;                        ///< y of the measurement, compressed
+  double dispersion = 1;                ///< mean square of the residual on train over that of the nulls, at least 1
+};
+
+struct RungOptions {
+  int simulations = 48;
+  int pose_draws = 12;  ///< different random registrations among the simulations
+  int passes = 2, iterations = 8;
+  bool try_switches = true;  ///< the other choices of the model's own options
+  std::uint64_t seed = 1;
+};
+
+/// Fits poses and parameters from a start and learns the model's randomness.
+Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const StatVector& data,
+              const SensorModel& start, const std::vector<Offset>& offsets, const RungOptions& options);
+
+}  // namespace binrig

@@ -1,0 +1,115 @@
+#include "diagnose/score.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace binrig {
+namespace {
+
+/// Mean square by segment of a vector on one side of the split; -1 where nothing is known.
+std::vector<double> mean_squares(const Layout& layout, const Standard& standard, const Whitened& y, bool train) {
+  std::vector<double> sum(segments().size(), 0), count(segments().size(), 0);
+  for (const auto& block : layout.blocks) {
+    if (block.train != train) continue;
+    for (int i = block.offset; i < block.offset + block.size; ++i)
+      if (standard.spread()[i] > 0) sum[block.segment] += static_cast<double>(y[i]) * y[i], count[block.segment] += 1;
+  }
+  for (std::size_t s = 0; s < sum.size(); ++s) sum[s] = count[s] > 0 ? sum[s] / count[s] : -1;
+  return sum;
+}
+
+}  // namespace
+
+std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
+                          const std::vector<const Standard*>& models) {
+  std::vector<double> floor(segments().size(), 0);
+  std::vector<std::vector<double>> nulls;
+  for (const auto& null : last.nulls) {
+    nulls.push_back(mean_squares(layout, last.standard, last.test.apply(null), false));
+    for (std::size_t s = 0; s < floor.size(); ++s) floor[s] += nulls.back()[s] / last.nulls.size();
+  }
+  const auto average = [&](const std::vector<double>& squares) {
+    double sum = 0, count = 0;
+    for (std::size_t s = 0; s < squares.size(); ++s)
+      if (squares[s] >= 0 && floor[s] > 0) sum += 1 + squares[s] - floor[s], count += 1;
+    return count > 0 ? sum / count : 0;
+  };
+  std::vector<double> own;
+  for (const auto& null : nulls) own.push_back(average(null));
+  std::sort(own.begin(), own.end());
+
+  std::vector<Score> result;
+  for (const Standard* model : models) {
+    StatVector difference(data.size());
+    for (std::size_t i = 0; i < data.size(); ++i) difference[i] = data[i] - model->mean()[i];
+    Whitened y = last.standard.difference(difference);
+    compress(y);
+    const auto squares = mean_squares(layout, last.standard, last.test.apply(y), false);
+    Score score;
+    score.heldout = average(squares);
+    if (!own.empty()) {
+      score.band_low = own[static_cast<std::size_t>(0.025 * (own.size() - 1))];
+      score.band_high = own[static_cast<std::size_t>(std::ceil(0.975 * (own.size() - 1)))];
+    }
+    std::map<std::string, double> count;
+    for (std::size_t s = 0; s < squares.size(); ++s) {
+      if (squares[s] < 0 || floor[s] <= 0) continue;
+      score.by_segment[segments()[s].name] = 1 + squares[s] - floor[s];
+      score.by_channel[segments()[s].group] += 1 + squares[s] - floor[s];
+      count[segments()[s].group] += 1;
+    }
+    for (auto& [channel, value] : score.by_channel) value /= count[channel];
+
+    double proper = 0, known = 0, bias = 0, bias_count = 0, noise = 0, noise_count = 0, mask = 0, mask_count = 0;
+    for (const auto& block : layout.blocks) {
+      if (block.train) continue;
+      const std::string& name = segments()[block.segment].name;
+      for (int i = block.offset; i < block.offset + block.size; ++i) {
+        const float d = difference[i], s = model->spread()[i];
+        if (std::isnan(d) || s <= 0) continue;
+        proper += static_cast<double>(d) * d / s / s + 2 * std::log(s);
+        known += 1;
+        if (name == "bias") bias += static_cast<double>(d) * d, bias_count += 1;
+        if (name == "noise") noise += d, noise_count += 1;
+        if (name == "drop-out") {
+          const double a = std::pow(std::sin(data[i]), 2), b = std::pow(std::sin(model->mean()[i]), 2);
+          mask += std::abs(a - b), mask_count += 1;
+        }
+      }
+    }
+    score.proper = known > 0 ? proper / known : 0;
+    score.bias_rms_mm = bias_count > 0 ? std::sqrt(bias / bias_count) : 0;
+    score.noise_ratio = noise_count > 0 ? std::exp(0.5 * noise / noise_count) : 1;
+    score.mask_difference = mask_count > 0 ? mask / mask_count : 0;
+    result.push_back(score);
+  }
+  return result;
+}
+
+bool SegmentFit::significant() const {
+  // Both: beyond what chance does, and large enough to matter: half of what randomness and practical floor are
+  // together.
+  return excess > 6 * spread && excess > 0.5;
+}
+
+std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung) {
+  std::vector<SegmentFit> result;
+  for (bool train : {true, false}) {
+    const Metric& metric = train ? rung.train : rung.test;
+    const auto measured = mean_squares(layout, rung.standard, metric.apply(rung.data), train);
+    std::vector<double> sum(measured.size(), 0), square(measured.size(), 0);
+    for (const auto& null : rung.nulls) {
+      const auto own = mean_squares(layout, rung.standard, metric.apply(null), train);
+      for (std::size_t s = 0; s < own.size(); ++s) sum[s] += own[s], square[s] += own[s] * own[s];
+    }
+    const double n = static_cast<double>(rung.nulls.size());
+    for (std::size_t s = 0; s < measured.size(); ++s) {
+      if (measured[s] < 0 || sum[s] <= 0) continue;
+      const double mean = sum[s] / n, variance = std::max(0.0, square[s] / n - mean * mean);
+      result.push_back({static_cast<int>(s), train, measured[s] / mean, measured[s] - mean, std::sqrt(variance)});
+    }
+  }
+  return result;
+}
+
+}  // namespace binrig

@@ -1,0 +1,24 @@
+// Scores that users see, and whether anything is left to explain.
+#pragma once
+
+#include "diagnose/diagnose.h"
+
+namespace binrig {
+
+/// Scores of several models on the held-out captures, all in units of `last`'s randomness, its nuisances marginalised.
+/// `means` are the models' simulated statistics, `spreads` their own.
+std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
+                          const std::vector<const Standard*>& models);
+
+/// A segment on one side of the split against the model's own simulations.
+struct SegmentFit {
+  int segment = 0;
+  bool train = true;
+  double ratio = 1;   ///< mean square of the residual over the simulations'
+  double excess = 0;  ///< the difference of these mean squares (1 = randomness and practical floor together)
+  double spread = 0;  ///< standard deviation of the mean square among the simulations
+  bool significant() const;
+};
+std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung);
+
+}  // namespace binrig

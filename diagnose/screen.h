@@ -1,0 +1,13 @@
+// What the unexplained remainder goes with: covariates of the scene and places in the image, fitted on train, scored on
+// captures held out.
+#pragma once
+
+#include "diagnose/diagnose.h"
+
+namespace binrig {
+
+/// Fills covariates, share, shape and, for depth, a formula effect to paste, of entries that are maps (bias, noise,
+/// drop-out).
+void screen(const Experiment& experiment, const Rung& rung, const StatVector& data, std::vector<Unexplained>& entries);
+
+}  // namespace binrig

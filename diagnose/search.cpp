@@ -1,0 +1,136 @@
+#include "diagnose/search.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "core/error.h"
+
+namespace binrig {
+namespace {
+
+struct Residuals {
+  Whitened residual;
+  MeanOfSimulations mean;
+};
+
+Residuals residual_of(const Experiment& experiment, const Rung& rung, const Whitened& data, const SensorModel& model,
+                      const SearchOptions& options) {
+  std::vector<Trial> trials;
+  for (int k = 0; k < options.seeds; ++k)
+    trials.push_back({model, rung.offsets, options.seed + static_cast<std::uint64_t>(k), Part::all});
+  Residuals result;
+  result.mean = mean_of(rung.standard, experiment.simulate(trials, "refining hypotheses"));
+  result.residual = data;
+  for (std::size_t i = 0; i < data.size(); ++i) result.residual[i] -= result.mean.mean[i];
+  compress(result.residual);
+  return result;
+}
+
+Refined refine(const Experiment& experiment, const Rung& rung, const Whitened& data, const Hypothesis& hypothesis,
+               const LinearGain& start, const SearchOptions& options) {
+  const EffectCatalogue& catalogue = experiment.forward().catalogue();
+  SensorModel model = rung.model;
+  Refined refined;
+  refined.effect = hypothesis.effect;
+  refined.id = add_effect(model, catalogue, hypothesis.effect, start.values).id;
+  refined.linear_gain = start.gain;
+  const Needs& needs = hypothesis.declaration->needs;
+  FitOptions fit;
+  fit.seeds = 2;
+  fit.most_frames = 3;
+  fit.shorten_series = !(needs.power_on || needs.repeats || needs.motion);
+  fit.iterations = 5;
+  fit.converged = 1;
+  fit.seed = options.seed + 40;
+  fit.scan_ids = {refined.id};
+  refined.fit = fit_model(experiment, rung.standard, rung.train, data, model,
+                          fit_parameters(model, catalogue, {refined.id}), rung.offsets, fit);
+  refined.model = refined.fit.model;
+  return refined;
+}
+
+}  // namespace
+
+SearchResult search(const Experiment& experiment, const Rung& rung, const StatVector& data,
+                    const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
+                    const SearchOptions& options) {
+  SearchResult result;
+  const int count = static_cast<int>(hypotheses.tested.size());
+  const Ranking ranking(experiment, rung, hypotheses, signatures);
+  result.linear = ranking.gains(rung.data);
+  result.null_gains.resize(count);
+  std::vector<double> best_null;
+  std::vector<std::vector<LinearGain>> nulls;
+  for (const auto& null : rung.nulls) nulls.push_back(ranking.gains(null));
+  for (int h = 0; h < count; ++h) {
+    double mean = 0;
+    for (const auto& null : nulls) {
+      result.null_gains[h].push_back(null[h].gain);
+      mean += null[h].gain / nulls.size();
+    }
+    result.prices.push_back(mean);
+    result.p_values.push_back(gain_p_value(result.linear[h].gain / rung.dispersion, result.null_gains[h]));
+  }
+  double mean = 0, square = 0;
+  for (const auto& null : nulls) {
+    double best = 0;
+    for (int h = 0; h < count; ++h) best = std::max(best, null[h].gain - result.prices[h]);
+    mean += best / nulls.size();
+    square += best * best / nulls.size();
+  }
+  result.gate = mean + 3 * std::sqrt(std::max(0.0, square - mean * mean));
+
+  std::vector<int> order(count);
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](int a, int b) { return result.linear[a].gain > result.linear[b].gain; });
+  const Whitened linear_data = rung.standard.linear(data);
+  const Residuals base = residual_of(experiment, rung, linear_data, rung.model, options);
+  const double base_train = chi_of(rung.train, base.residual, base.mean.noise),
+               base_test = chi_of(rung.test, base.residual, base.mean.noise);
+  for (int h : order) {
+    if (static_cast<int>(result.refined.size()) >= options.refine) break;
+    if (result.linear[h].gain / rung.dispersion - result.prices[h] < result.gate) continue;
+    Refined refined = refine(experiment, rung, linear_data, hypotheses.tested[h], result.linear[h], options);
+    refined.price = result.prices[h];
+    refined.p = result.p_values[h];
+    const Residuals with = residual_of(experiment, rung, linear_data, refined.model, options);
+    refined.train_gain = (base_train - chi_of(rung.train, with.residual, with.mean.noise)) / rung.dispersion;
+    refined.test_gain = (base_test - chi_of(rung.test, with.residual, with.mean.noise)) / rung.dispersion;
+    refined.change = base.residual;
+    for (std::size_t i = 0; i < refined.change.size(); ++i) refined.change[i] -= with.residual[i];
+    result.refined.push_back(std::move(refined));
+  }
+  std::sort(result.refined.begin(), result.refined.end(),
+            [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
+  return result;
+}
+
+const Refined* SearchResult::accepted(const SearchOptions& options) const {
+  for (const auto& candidate : refined)
+    if (candidate.test_gain > options.least_test_gain &&
+        candidate.train_gain - candidate.price > std::max(gate, options.least_train_gain))
+      return &candidate;
+  return nullptr;
+}
+
+Separation separation(const Rung& rung, const Refined& a, const Refined& b) {
+  const auto inner = [&](const Whitened& x, const Whitened& y) {
+    return dot(rung.train.apply(x), y) + dot(rung.test.apply(x), y);
+  };
+  Separation result;
+  const double aa = inner(a.change, a.change), bb = inner(b.change, b.change), ab = inner(a.change, b.change);
+  result.distance2 = std::max(0.0, aa + bb - 2 * ab);
+  result.cosine = aa > 0 && bb > 0 ? ab / std::sqrt(aa * bb) : 0;
+  return result;
+}
+
+bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
+  // Were a the truth, b would lose by D +- 2 sqrt(D), D their squared distance; were b the truth it would win by as
+  // much. The data decide unless D is within two standard deviations of nothing, or the loss is.
+  const double lost = a.score() - b.score();
+  const Separation s = separation(rung, a, b);
+  return lost < 9 || (s.cosine > 0.9 && lost < 2 * std::sqrt(s.distance2));
+}
+
+}  // namespace binrig

@@ -1,0 +1,56 @@
+// Which single effect, added to a model, moves its statistics onto the measured ones, on captures it was not fitted to.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "diagnose/signatures.h"
+
+namespace binrig {
+
+/// A hypothesis refined by simulating with it, its nuisances marginalised.
+struct Refined {
+  std::string effect, id;                ///< id of the added instance
+  SensorModel model;                     ///< the rung's model with the effect at its best parameters
+  Fit fit;                               ///< of the effect's parameters
+  double linear_gain = 0, price = 0;     ///< of the shortlist: gain of the signatures, and what a null gains on average
+  double train_gain = 0, test_gain = 0;  ///< of chi, by simulation, dispersion divided out
+  PValue p;
+  Whitened change;  ///< what it moves, all captures
+  double score() const { return train_gain - price + test_gain; }
+};
+
+struct SearchOptions {
+  int refine = 4;  ///< so many of the shortlist
+  int seeds = 2;
+  std::uint64_t seed = 501;
+  double least_test_gain = 9;  ///< three standard deviations of an effect that is known
+  double least_train_gain = 16;
+};
+
+struct SearchResult {
+  std::vector<LinearGain> linear;  ///< all hypotheses, in their order
+  std::vector<double> prices;
+  std::vector<PValue> p_values;
+  std::vector<std::vector<double>> null_gains;  ///< by hypothesis
+  double gate = 0;                              ///< gain less price beyond which a hypothesis is no child of chance
+  std::vector<Refined> refined;                 ///< best first
+  /// The best one if it is significant on train and confirmed on test.
+  const Refined* accepted(const SearchOptions& options) const;
+};
+
+SearchResult search(const Experiment& experiment, const Rung& rung, const StatVector& data,
+                    const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
+                    const SearchOptions& options);
+
+/// How far two refined hypotheses can be told apart on these captures: squared distance of what they move, and the
+/// cosine of the angle between, both with nuisances marginalised.
+struct Separation {
+  double distance2 = 0, cosine = 0;
+};
+Separation separation(const Rung& rung, const Refined& a, const Refined& b);
+/// True if the data cannot tell b from the better a: what a gains over b lies within what chance makes of two models
+/// that far apart.
+bool confounded(const Rung& rung, const Refined& a, const Refined& b);
+
+}  // namespace binrig

@@ -1,0 +1,262 @@
+#include "diagnose/signatures.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Cholesky>
+
+#include "core/parallel.h"
+
+namespace binrig {
+namespace {
+
+constexpr double least_share = 0.67;  // of a segment of a signature that must be signal
+
+struct Place {
+  int hypothesis, path, atom;
+};
+
+/// Mean change over seeds in whitened-free units, shrunk by segment.
+StatVector shrunk_change(const Layout& layout, const std::vector<float>& spread, const std::vector<StatVector>& with,
+                         const std::vector<StatVector>& without) {
+  const int k = static_cast<int>(with.size());
+  StatVector mean(layout.size, 0.f);
+  std::vector<float> scatter(layout.size, 0.f);
+  for (int i = 0; i < layout.size; ++i) {
+    if (spread[i] == 0) continue;
+    float sum = 0, square = 0;
+    int n = 0;
+    for (int s = 0; s < k; ++s) {
+      const float d = with[s][i] - without[s][i];
+      if (std::isnan(d)) continue;
+      sum += d, square += d * d, ++n;
+    }
+    if (n == 0) continue;
+    mean[i] = sum / n;
+    scatter[i] = n > 1 ? std::max(0.f, (square - sum * sum / n) / (n * (n - 1.f))) : 0.f;
+  }
+  std::vector<double> signal(segments().size(), 0), noise(segments().size(), 0);
+  for (const auto& block : layout.blocks)
+    for (int i = block.offset; i < block.offset + block.size; ++i) {
+      if (spread[i] == 0) continue;
+      const double w = 1.0 / (static_cast<double>(spread[i]) * spread[i]);
+      signal[block.segment] += w * mean[i] * mean[i];
+      noise[block.segment] += w * scatter[i];
+    }
+  for (const auto& block : layout.blocks) {
+    const double share = signal[block.segment] > 0 ? 1 - noise[block.segment] / signal[block.segment] : 0;
+    const float f = share < least_share ? 0.f : static_cast<float>(share);
+    for (int i = block.offset; i < block.offset + block.size; ++i) mean[i] *= f;
+  }
+  return mean;
+}
+
+/// Largest of 2 b'w - w'Gw along the broken line from 0 through the unit vectors in turn; w holds the place.
+double best_on_path(const Eigen::MatrixXd& gram, const Eigen::VectorXd& b, bool interpolate, Eigen::VectorXd& w) {
+  const int n = static_cast<int>(b.size());
+  double best = 0;
+  w = Eigen::VectorXd::Zero(n);
+  for (int j = 0; j < n; ++j) {
+    if (!interpolate) {
+      const double gain = 2 * b[j] - gram(j, j);
+      if (gain > best) best = gain, w = Eigen::VectorXd::Unit(n, j);
+      continue;
+    }
+    // Point p + t d with p = e_{j-1} (or 0), d = e_j - p, t in 0..1 (the last piece goes on to 1.5).
+    Eigen::VectorXd p =
+        j > 0 ? Eigen::VectorXd(Eigen::VectorXd::Unit(n, j - 1)) : Eigen::VectorXd(Eigen::VectorXd::Zero(n));
+    const Eigen::VectorXd d = Eigen::VectorXd::Unit(n, j) - p;
+    const double slope = d.dot(b) - d.dot(gram * p), curvature = d.dot(gram * d);
+    const double t = curvature > 0 ? std::clamp(slope / curvature, 0.0, j == n - 1 ? 1.5 : 1.0) : 0;
+    const Eigen::VectorXd x = p + t * d;
+    const double gain = 2 * x.dot(b) - x.dot(gram * x);
+    if (gain > best) best = gain, w = x;
+  }
+  return best;
+}
+
+}  // namespace
+
+std::vector<Signature> make_signatures(const Experiment& experiment, const SensorModel& model,
+                                       const std::vector<Offset>& offsets, const Hypotheses& hypotheses,
+                                       const SignatureOptions& options) {
+  const EffectCatalogue& catalogue = experiment.forward().catalogue();
+  std::vector<Place> places;
+  for (int h = 0; h < static_cast<int>(hypotheses.tested.size()); ++h)
+    for (int p = 0; p < static_cast<int>(hypotheses.tested[h].paths.size()); ++p)
+      for (int a = 0; a < static_cast<int>(hypotheses.tested[h].paths[p].atoms.size()); ++a)
+        places.push_back({h, p, a});
+
+  // Series from power-on are only run in full for effects that live on time.
+  std::vector<std::vector<StatVector>> without(2);
+  const auto trial = [&](const SensorModel& m, int seed, bool series) {
+    Trial t{m, offsets, options.seed + static_cast<std::uint64_t>(seed), Part::train, options.most_frames};
+    t.shorten_series = !series;
+    return t;
+  };
+  for (int series = 0; series < 2; ++series) {
+    std::vector<Trial> trials;
+    for (int s = 0; s < options.seeds; ++s) trials.push_back(trial(model, s, series == 1));
+    without[series] = experiment.simulate(trials, "simulating what effects would change");
+  }
+  const Standard standard(experiment.layout(), experiment.simulate([&] {
+    std::vector<Trial> trials;
+    for (int s = 0; s < 6; ++s) trials.push_back(trial(model, s, true));
+    return trials;
+  }()));
+
+  std::vector<Signature> result(places.size());
+  constexpr int batch = 24;
+  for (int first = 0; first < static_cast<int>(places.size()); first += batch) {
+    const int last = std::min<int>(first + batch, static_cast<int>(places.size()));
+    std::vector<Trial> trials;
+    std::vector<bool> series;
+    for (int i = first; i < last; ++i) {
+      const Hypothesis& hypothesis = hypotheses.tested[places[i].hypothesis];
+      const Needs& needs = hypothesis.declaration->needs;
+      series.push_back(needs.power_on || needs.motion || needs.repeats);
+      const SensorModel extended = with_effect(model, catalogue, hypothesis.effect,
+                                               hypothesis.paths[places[i].path].atoms[places[i].atom].values);
+      for (int s = 0; s < options.seeds; ++s) trials.push_back(trial(extended, s, series.back()));
+    }
+    const auto with = experiment.simulate(trials, "simulating what effects would change");
+    parallel_for(last - first, [&](int i) {
+      const std::vector<StatVector> own(with.begin() + i * options.seeds, with.begin() + (i + 1) * options.seeds);
+      result[first + i] = {places[first + i].hypothesis, places[first + i].path, places[first + i].atom,
+                           shrunk_change(experiment.layout(), standard.spread(), own, without[series[i] ? 1 : 0])};
+    });
+  }
+  return result;
+}
+
+Ranking::Ranking(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
+                 const std::vector<Signature>& signatures)
+    : hypotheses_(hypotheses), rows_(signatures.size()) {
+  std::vector<Whitened> whitened(signatures.size());
+  parallel_for(static_cast<int>(signatures.size()), [&](int i) {
+    const Signature& s = signatures[i];
+    whitened[i] = rung.standard.difference(s.change);
+    compress(whitened[i]);
+    rows_[i] = {s.hypothesis, s.path, s.atom, rung.train.apply(whitened[i])};
+  });
+  for (int i = 0; i < static_cast<int>(rows_.size()); ++i) {
+    if (paths_.empty() || paths_.back().hypothesis != rows_[i].hypothesis || paths_.back().path != rows_[i].path)
+      paths_.push_back({rows_[i].hypothesis, rows_[i].path, {}, {}});
+    paths_.back().rows.push_back(i);
+  }
+  cross_.resize(paths_.size());
+  for (std::size_t k = 0; k < paths_.size(); ++k) {
+    auto& path = paths_[k];
+    const int n = static_cast<int>(path.rows.size());
+    path.gram.resize(n, n);
+    for (int a = 0; a < n; ++a)
+      for (int b = 0; b <= a; ++b)
+        path.gram(a, b) = path.gram(b, a) = dot(rows_[path.rows[a]].applied, whitened[path.rows[b]]);
+    const int of = hypotheses.tested[path.hypothesis].paths[path.path].quadrature_of;
+    if (of < 0) continue;
+    const auto& other = *std::find_if(paths_.begin(), paths_.end(), [&](const PathData& p) {
+      return p.hypothesis == path.hypothesis && p.path == of;
+    });
+    cross_[k].resize(other.rows.size(), n);
+    for (std::size_t a = 0; a < other.rows.size(); ++a)
+      for (int b = 0; b < n; ++b)
+        cross_[k](static_cast<int>(a), b) = dot(rows_[other.rows[a]].applied, whitened[path.rows[b]]);
+  }
+}
+
+std::vector<LinearGain> Ranking::gains(const Whitened& residual) const {
+  std::vector<LinearGain> result(hypotheses_.tested.size());
+  for (std::size_t h = 0; h < result.size(); ++h) {
+    result[h].hypothesis = static_cast<int>(h);
+    if (!hypotheses_.tested[h].paths.empty() && !hypotheses_.tested[h].paths[0].atoms.empty())
+      result[h].values = hypotheses_.tested[h].paths[0].atoms[0].values;
+  }
+  std::vector<double> projection(rows_.size());
+  parallel_for(static_cast<int>(rows_.size()), [&](int i) { projection[i] = dot(rows_[i].applied, residual); });
+  for (std::size_t k = 0; k < paths_.size(); ++k) {
+    const auto& path = paths_[k];
+    const Hypothesis& hypothesis = hypotheses_.tested[path.hypothesis];
+    const StrengthPath& strengths = hypothesis.paths[path.path];
+    LinearGain& best = result[path.hypothesis];
+    const int n = static_cast<int>(path.rows.size());
+    Eigen::VectorXd b(n);
+    for (int a = 0; a < n; ++a) b[a] = projection[path.rows[a]];
+    const std::string& amplitude = hypothesis.declaration->amplitude;
+
+    if (strengths.quadrature_of >= 0) {
+      // Both quarters of the period together: amplitude and phase from a plane of traces.
+      const auto& other = *std::find_if(paths_.begin(), paths_.end(), [&](const PathData& p) {
+        return p.hypothesis == path.hypothesis && p.path == strengths.quadrature_of;
+      });
+      for (int a = 0; a < n; ++a) {
+        Eigen::Matrix2d gram;
+        gram << other.gram(a, a), cross_[k](a, a), cross_[k](a, a), path.gram(a, a);
+        gram.diagonal().array() += 1e-9;
+        const Eigen::Vector2d bb(projection[other.rows[a]], b[a]);
+        const Eigen::Vector2d x = gram.ldlt().solve(bb);
+        const double gain = x.dot(bb);
+        if (gain <= best.gain || !std::isfinite(gain)) continue;
+        best.gain = gain;
+        best.values = hypothesis.paths[strengths.quadrature_of].atoms[a].values;
+        best.values[amplitude] *= std::min(3.0, x.norm());
+        for (const auto& spec : hypothesis.declaration->parameters)
+          if (spec.kind == ParameterKind::phase) best.values[spec.name] += std::atan2(x[1], x[0]);
+      }
+      continue;
+    }
+    for (int sign : {1, -1}) {
+      if (sign < 0 && !strengths.mirror) continue;
+      Eigen::VectorXd w;
+      const double gain = best_on_path(path.gram, sign * b, strengths.interpolate, w);
+      if (gain <= best.gain) continue;
+      best.gain = gain;
+      int strongest = 0;
+      for (int a = 0; a < n; ++a)
+        if (w[a] > 0.3) strongest = a;
+      best.values = strengths.atoms[strongest].values;
+      const auto* spec = hypothesis.declaration->parameter(amplitude);
+      if (strengths.interpolate && spec->neutral && hypothesis.declaration->stronger_is_larger) {
+        double value = 0;
+        for (int a = 0; a < n; ++a) value += w[a] * (strengths.atoms[a].values.at(amplitude) - *spec->neutral);
+        best.values[amplitude] = *spec->neutral + sign * value;
+      }
+    }
+  }
+  for (auto& gain : result)
+    for (auto& [name, value] : gain.values) {
+      const auto* spec = hypotheses_.tested[gain.hypothesis].declaration->parameter(name);
+      if (!spec) continue;
+      if (spec->kind == ParameterKind::phase) {
+        const double two_pi = 6.28318530717958648;
+        value = std::fmod(value - spec->lower, two_pi);
+        value = spec->lower + (value < 0 ? value + two_pi : value);
+      }
+      value = std::clamp(value, spec->lower, spec->upper);
+      if (spec->kind == ParameterKind::integer) value = std::round(value);
+    }
+  return result;
+}
+
+PValue gain_p_value(double gain, std::vector<double> null_gains) {
+  PValue result;
+  const double n = static_cast<double>(null_gains.size());
+  if (n < 4) return result;
+  double mean = 0, square = 0, above = 0;
+  for (double g : null_gains) {
+    mean += g / n;
+    square += g * g / n;
+    above += g >= gain;
+  }
+  result.p = (above + 1) / (n + 1);
+  if (above > 0) return result;
+  // Beyond every null: the tail of an exponential that is as wide as the nulls are (a gain is a squared normal, whose
+  // tail is exponential), begun at the largest null.
+  const double largest = *std::max_element(null_gains.begin(), null_gains.end());
+  const double width = std::max({2.0, std::sqrt(std::max(0.0, square - mean * mean)), mean});
+  result.p *= std::exp(-(gain - largest) / (2 * width));
+  result.p = std::max(result.p, 1e-12);
+  result.extrapolated = result.p < 1 / (n + 1);
+  return result;
+}
+
+}  // namespace binrig

@@ -1,0 +1,70 @@
+// What each hypothesis would change in the statistics, and how much of the residual that would explain.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "diagnose/hypotheses.h"
+#include "diagnose/rung.h"
+
+namespace binrig {
+
+/// Simulated mean change of the statistics on train by one atom, each segment shrunk by its share of signal.
+struct Signature {
+  int hypothesis = 0, path = 0, atom = 0;
+  StatVector change;
+};
+
+struct SignatureOptions {
+  int seeds = 2;
+  int most_frames = 3;
+  std::uint64_t seed = 7001;
+};
+
+std::vector<Signature> make_signatures(const Experiment& experiment, const SensorModel& model,
+                                       const std::vector<Offset>& offsets, const Hypotheses& hypotheses,
+                                       const SignatureOptions& options);
+
+/// How well one hypothesis explains a residual, in the linear view of its signatures.
+struct LinearGain {
+  int hypothesis = 0;
+  double gain = 0;                       ///< of chi on train
+  std::map<std::string, double> values;  ///< parameters at the best place, to start a refinement from
+};
+
+/// Whitened signatures under a rung, ready to be held against many residuals.
+class Ranking {
+ public:
+  Ranking(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
+          const std::vector<Signature>& signatures);
+  /// One entry a hypothesis, in their order.
+  std::vector<LinearGain> gains(const Whitened& residual) const;
+
+ private:
+  struct Row {
+    int hypothesis, path, atom;
+    Whitened applied;  // Q g
+  };
+  struct PathData {
+    int hypothesis, path;
+    std::vector<int> rows;
+    Eigen::MatrixXd gram;
+  };
+  LinearGain best_on(const PathData& path, const Eigen::VectorXd& projection, const PathData* quarter,
+                     const Eigen::VectorXd& quarter_projection) const;
+
+  const Hypotheses& hypotheses_;
+  std::vector<Row> rows_;
+  std::vector<PathData> paths_;
+  std::vector<Eigen::MatrixXd> cross_;  // of a path with its quarter-period companion, by path
+};
+
+/// p-value of a gain against gains under the null: from a gamma distribution with their mean and variance, never below
+/// what they resolve unless `extrapolated` is set.
+struct PValue {
+  double p = 1;
+  bool extrapolated = false;
+};
+PValue gain_p_value(double gain, std::vector<double> null_gains);
+
+}  // namespace binrig

@@ -1,0 +1,176 @@
+#include "diagnose/standard.h"
+
+#include <cmath>
+#include <complex>
+#include <limits>
+
+#include <Eigen/Cholesky>
+
+#include "core/spectrum.h"
+
+namespace binrig {
+namespace {
+
+constexpr float compression = 8.f;
+constexpr int rings = 16;
+constexpr double prior_simulations = 20;  // an element's own variance counts against its block's by this many
+
+int ring_of(double fy, double fx) { return std::min(rings - 1, static_cast<int>(2 * rings * std::hypot(fx, fy))); }
+
+bool is_bias_map(const Block& block) { return segments()[block.segment].name == "bias"; }
+
+/// Filters a grid by a gain per ring of frequency.
+void filter(float* values, int rows, int cols, const std::vector<float>& gain) {
+  cv::Mat grid(rows, cols, CV_32F, values);
+  const Fft2 fft(rows, cols);
+  std::vector<std::complex<float>> line;
+  fft.forward(grid, line);
+  const int half = fft.half_cols();
+  const float scale = 1.f / (rows * cols);
+  for (int i = 0; i < rows; ++i)
+    for (int j = 0; j < half; ++j)
+      line[static_cast<std::size_t>(i) * half + j] *=
+          scale * gain[ring_of(dft_frequency(i, rows), dft_frequency(j, cols))];
+  fft.inverse(line, grid);
+}
+
+}  // namespace
+
+Standard::Standard(const Layout& layout, const std::vector<StatVector>& simulations,
+                   const std::vector<StatVector>& known_shift)
+    : layout_(&layout) {
+  const int n = static_cast<int>(simulations.size());
+  const auto value = [&](int k, int i) {
+    return simulations[k][i] - (known_shift.empty() || std::isnan(known_shift[k][i]) ? 0.f : known_shift[k][i]);
+  };
+  mean_.assign(layout.size, std::numeric_limits<float>::quiet_NaN());
+  spread_.assign(layout.size, 0.f);
+  small_.resize(layout.blocks.size());
+  std::vector<double> ring_power(rings, 0), ring_count(rings, 0);
+
+  for (std::size_t b = 0; b < layout.blocks.size(); ++b) {
+    const Block& block = layout.blocks[b];
+    const double floor = segments()[block.segment].floor;
+    std::vector<double> variance(block.size, -1);
+    double pooled = 0, known = 0;
+    for (int i = 0; i < block.size; ++i) {
+      double s = 0, q = 0, m = 0;
+      for (int k = 0; k < n; ++k) {
+        const float x = value(k, block.offset + i);
+        if (std::isnan(x)) continue;
+        s += x, q += static_cast<double>(x) * x, m += 1;
+      }
+      if (m < 0.6 * n || m < 2) continue;
+      mean_[block.offset + i] = static_cast<float>(s / m);
+      variance[i] = std::max(0.0, (q - s * s / m) / (m - 1));
+      pooled += variance[i], known += 1;
+    }
+    if (known == 0) continue;
+    pooled /= known;
+    for (int i = 0; i < block.size; ++i)
+      if (variance[i] >= 0)
+        spread_[block.offset + i] = static_cast<float>(
+            std::sqrt((n * variance[i] + prior_simulations * pooled) / (n + prior_simulations) + floor * floor));
+
+    const auto normalised = [&](int k, int i) {
+      const float x = value(k, block.offset + i);
+      return std::isnan(x) || spread_[block.offset + i] == 0
+                 ? 0.f
+                 : (x - mean_[block.offset + i]) / spread_[block.offset + i];
+    };
+    if (is_bias_map(block) && known > 0.5 * block.size) {
+      const Fft2 fft(block.rows, block.cols);
+      std::vector<std::complex<float>> line;
+      cv::Mat grid(block.rows, block.cols, CV_32F);
+      for (int k = 0; k < n; ++k) {
+        for (int i = 0; i < block.size; ++i) grid.ptr<float>()[i] = normalised(k, i);
+        fft.forward(grid, line);
+        for (int i = 0; i < block.rows; ++i)
+          for (int j = 0; j < fft.half_cols(); ++j) {
+            const int ring = ring_of(dft_frequency(i, block.rows), dft_frequency(j, block.cols));
+            ring_power[ring] += std::norm(line[static_cast<std::size_t>(i) * fft.half_cols() + j]) / known;
+            ring_count[ring] += 1;
+          }
+      }
+    } else if (block.rows == 1 && n >= 8) {
+      Eigen::MatrixXf z(n, block.size);
+      for (int k = 0; k < n; ++k)
+        for (int i = 0; i < block.size; ++i) z(k, i) = normalised(k, i);
+      Eigen::MatrixXf correlation = z.transpose() * z / static_cast<float>(n - 1);
+      // Shrunk towards independence, the more the fewer simulations there are for so many elements.
+      const float shrink = std::max(0.15f, static_cast<float>(block.size) / (block.size + 2.f * n));
+      Eigen::VectorXf diagonal = correlation.diagonal();
+      correlation *= 1 - shrink;
+      correlation.diagonal() = diagonal.cwiseMax(1.f);
+      const Eigen::LLT<Eigen::MatrixXf> factor(correlation);
+      if (factor.info() == Eigen::Success)
+        small_[b] = factor.matrixL().solve(Eigen::MatrixXf::Identity(block.size, block.size));
+    }
+  }
+
+  ring_gain_.assign(rings, 1.f);
+  double total = 0, number = 0;
+  for (int r = 0; r < rings; ++r)
+    if (ring_count[r] > 0) total += ring_power[r], number += ring_count[r];
+  if (number > 0)
+    for (int r = 0; r < rings; ++r) {
+      const double relative = ring_count[r] > 0 ? ring_power[r] / ring_count[r] / (total / number) : 1;
+      ring_gain_[r] = static_cast<float>(1 / std::sqrt(std::clamp(relative, 0.1, 10.0)));
+    }
+}
+
+void Standard::whiten(Whitened& values) const {
+  for (std::size_t b = 0; b < layout_->blocks.size(); ++b) {
+    const Block& block = layout_->blocks[b];
+    float* begin = values.data() + block.offset;
+    if (is_bias_map(block)) {
+      filter(begin, block.rows, block.cols, ring_gain_);
+      for (int i = 0; i < block.size; ++i)
+        if (spread_[block.offset + i] == 0) begin[i] = 0;
+    } else if (small_[b].size() > 0) {
+      Eigen::Map<Eigen::VectorXf> v(begin, block.size);
+      v = (small_[b] * v).eval();
+    }
+  }
+}
+
+Whitened Standard::difference(const StatVector& a) const {
+  Whitened y(layout_->size, 0.f);
+  for (int i = 0; i < layout_->size; ++i)
+    if (spread_[i] > 0 && !std::isnan(a[i])) y[i] = a[i] / spread_[i];
+  whiten(y);
+  return y;
+}
+
+Whitened Standard::linear(const StatVector& statistics) const {
+  StatVector d(layout_->size);
+  for (int i = 0; i < layout_->size; ++i) d[i] = statistics[i] - mean_[i];
+  return difference(d);
+}
+
+Whitened Standard::standardise(const StatVector& statistics) const {
+  Whitened y = linear(statistics);
+  compress(y);
+  return y;
+}
+
+void compress(Whitened& residual) {
+  for (float& v : residual)
+    if (std::abs(v) > 0.5f) v = compression * std::asinh(v / compression);  // below, 1e-3 of it
+}
+
+float compression_slope(float compressed) { return 1.f / std::cosh(compressed / compression); }
+
+double dot(const Whitened& a, const Whitened& b) {
+  double total = 0;
+  const std::size_t n = a.size();
+  for (std::size_t i = 0; i < n;) {
+    float part = 0;
+    const std::size_t end = std::min(n, i + 2048);
+    for (; i < end; ++i) part += a[i] * b[i];
+    total += part;
+  }
+  return total;
+}
+
+}  // namespace binrig

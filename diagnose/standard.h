@@ -1,0 +1,52 @@
+// From statistics to numbers that compare: standardised by the model's own randomness, whitened, compressed.
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "diagnose/experiment.h"
+
+namespace binrig {
+
+/// A vector of the layout's size in which the model's own simulations have about unit variance everywhere.
+using Whitened = std::vector<float>;
+
+class Standard {
+ public:
+  Standard() = default;
+  /// Learned from simulations of one model (at least 4). `known_shift`, if given, holds for each simulation the change
+  /// of its bias maps that its random pose makes (0 elsewhere); it is taken out before the spread is measured, since
+  /// poses are marginalised later (diagnose/metric.h).
+  Standard(const Layout& layout, const std::vector<StatVector>& simulations,
+           const std::vector<StatVector>& known_shift = {});
+
+  bool empty() const { return mean_.empty(); }
+  /// y of a recording: whitened difference to the mean. Unknown elements are 0.
+  Whitened linear(const StatVector& statistics) const;
+  /// The same, compressed.
+  Whitened standardise(const StatVector& statistics) const;
+  /// Whitened small difference of two statistics (a derivative times a step): no mean taken off, not compressed.
+  Whitened difference(const StatVector& a) const;
+  const StatVector& mean() const { return mean_; }
+  /// Standard deviation of each element before whitening, floor included; 0 = unknown.
+  const std::vector<float>& spread() const { return spread_; }
+
+ private:
+  void whiten(Whitened& values) const;
+
+  const Layout* layout_ = nullptr;
+  StatVector mean_;
+  std::vector<float> spread_;
+  std::vector<Eigen::MatrixXf> small_;  // by block: inverse Cholesky factor of the correlation; empty for maps
+  std::vector<float> ring_gain_;        // of the bias maps' whitening filter, by ring of frequency
+};
+
+/// 8 asinh(r / 8), element by element: no single segment outvotes all others.
+void compress(Whitened& residual);
+/// The slope of that, by which derivatives are multiplied.
+float compression_slope(float compressed);
+
+double dot(const Whitened& a, const Whitened& b);
+
+}  // namespace binrig

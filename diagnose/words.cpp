@@ -1,0 +1,80 @@
+// The verdict in words that need no manual.
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "diagnose/diagnose.h"
+
+namespace binrig {
+namespace {
+
+std::string list(const std::vector<std::string>& names) {
+  if (names.empty()) return "";
+  if (names.size() == 1) return names[0];
+  return fmt::format("{} and {}", fmt::join(names.begin(), names.end() - 1, ", "), names.back());
+}
+
+std::string fall(const Diagnosis& diagnosis) {
+  if (diagnosis.ladder.size() < 2) return "";
+  return fmt::format("adding {} takes the error on captures held out from {:.2g} to {:.2g} (the floor is 1)",
+                     diagnosis.ladder.size() == 2 ? "it" : "them", diagnosis.ladder.front().score.heldout,
+                     diagnosis.ladder.back().score.heldout);
+}
+
+}  // namespace
+
+void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, const std::vector<std::string>& lacking) {
+  std::vector<std::string> names, segments;
+  for (const auto& candidate : diagnosis.candidates) names.push_back(candidate.effect);
+  for (const auto& entry : diagnosis.unexplained) segments.push_back(entry.segment);
+  switch (diagnosis.verdict) {
+    case Verdict::nothing_missing:
+      diagnosis.headline = "Nothing is missing: the model explains this recording within its own randomness.";
+      break;
+    case Verdict::missing_effect:
+      diagnosis.headline = fmt::format("The model lacks {}: {}.", list(names), fall(diagnosis));
+      break;
+    case Verdict::confounded:
+      diagnosis.headline = fmt::format("Something is missing, and it is {}, or what cannot be told from it here: {}.",
+                                       list(names), fall(diagnosis));
+      break;
+    case Verdict::unknown_effect:
+      diagnosis.headline =
+          fmt::format("Something is missing that no known effect explains; it shows in {}.", list(segments));
+      if (!names.empty())
+        diagnosis.reasons.push_back(fmt::format("The nearest known effects are {}: {}. Do not take them for the cause.",
+                                                list(names), fall(diagnosis)));
+      break;
+    case Verdict::not_enough_data:
+      diagnosis.headline = "This recording cannot answer the question.";
+      for (const auto& item : lacking) diagnosis.reasons.push_back("It lacks " + item + ".");
+      return;
+  }
+  if (diagnosis.verdict == Verdict::missing_effect || diagnosis.verdict == Verdict::confounded)
+    for (const auto& candidate : diagnosis.candidates) {
+      if (const auto* effect = catalogue.find(candidate.effect))
+        diagnosis.reasons.push_back(fmt::format("{}: {}", candidate.effect, effect->phenomenon));
+      if (candidate.confounded_with.empty()) continue;
+      std::vector<std::string> captures;
+      for (const auto& name : {candidate.effect, candidate.confounded_with.front()})
+        if (const auto* effect = catalogue.find(name); effect && !effect->revealed_by.empty())
+          captures.push_back(fmt::format("{} (shows {})", effect->revealed_by, name));
+      diagnosis.advice.push_back(fmt::format("{} and {} look the same in these captures; to tell them apart, record {}",
+                                             candidate.effect, list(candidate.confounded_with), list(captures)));
+    }
+  for (const auto& entry : diagnosis.unexplained) {
+    std::string text =
+        fmt::format("{}: {:.2g} times what the model's own randomness explains", entry.segment, entry.ratio);
+    if (!entry.covariates.empty())
+      text += fmt::format("; it goes with {} ({:.0f} % of it)", list(entry.covariates), 100 * entry.share);
+    if (!entry.shape.empty()) text += "; " + entry.shape;
+    diagnosis.reasons.push_back(text + ".");
+  }
+  if (!diagnosis.untested.empty()) {
+    std::vector<std::string> some;
+    for (const auto& entry : diagnosis.untested) some.push_back(entry.effect);
+    diagnosis.reasons.push_back(fmt::format("Not tested, because this recording cannot show them: {}.", list(some)));
+  }
+}
+
+}  // namespace binrig

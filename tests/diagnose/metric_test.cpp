@@ -1,0 +1,143 @@
+#include "diagnose/metric.h"
+
+#include <cmath>
+#include <filesystem>
+#include <limits>
+
+#include <gtest/gtest.h>
+
+#include "core/random.h"
+#include "diagnose/cache.h"
+#include "diagnose/signatures.h"
+
+namespace binrig {
+namespace {
+
+/// Two captures, one to fit on and one to hold out, with a bias map and a small segment each.
+Layout small_layout() {
+  Layout layout;
+  const int bias = 0, shape = 5;
+  for (int c = 0; c < 2; ++c) {
+    layout.blocks.push_back({c, bias, layout.size, 12 * 16, 12, 16, c == 0});
+    layout.size += 12 * 16;
+    layout.blocks.push_back({c, shape, layout.size, 5, 1, 5, c == 0});
+    layout.size += 5;
+    layout.train.push_back(c == 0);
+  }
+  layout.captures = 2;
+  return layout;
+}
+
+std::vector<float> normals(int size, std::uint64_t key) {
+  std::vector<float> v(size);
+  const RandomStream stream(key);
+  for (int i = 0; i < size; ++i) v[i] = static_cast<float>(stream.normal(i));
+  return v;
+}
+
+std::vector<StatVector> simulations(const Layout& layout, int count, float sigma, std::uint64_t key) {
+  std::vector<StatVector> result;
+  for (int k = 0; k < count; ++k) {
+    result.push_back(normals(layout.size, key + k));
+    for (float& v : result.back()) v = 3.f + sigma * v;
+  }
+  return result;
+}
+
+TEST(Standard, ItsOwnSimulationsHaveUnitVariance) {
+  const Layout layout = small_layout();
+  const Standard standard(layout, simulations(layout, 60, 0.5f, 100));
+  double sum = 0, count = 0;
+  for (const auto& s : simulations(layout, 20, 0.5f, 900)) {
+    const Whitened y = standard.linear(s);
+    sum += dot(y, y);
+    count += layout.size;
+  }
+  // 7880 numbers: 1.6 % from chance; the floors (0.02 of 0.5) and the mean of 60 add at most 2 %; the five-element
+  // blocks are whitened with a correlation learned from 60 simulations.
+  EXPECT_NEAR(sum / count, 1, 0.08);
+}
+
+TEST(Standard, UnknownElementsSayNothing) {
+  const Layout layout = small_layout();
+  auto sims = simulations(layout, 12, 1, 5);
+  const Standard standard(layout, sims);
+  StatVector all_unknown(layout.size, std::numeric_limits<float>::quiet_NaN());
+  for (float v : standard.standardise(all_unknown)) EXPECT_EQ(v, 0);
+}
+
+TEST(Standard, CompressionKeepsSmallAndBoundsLarge) {
+  Whitened y{0.1f, -2, 80};
+  compress(y);
+  EXPECT_FLOAT_EQ(y[0], 0.1f);
+  EXPECT_NEAR(y[1], -2, 0.03);
+  EXPECT_LT(y[2], 30);
+  EXPECT_NEAR(compression_slope(y[2]), 1 / std::sqrt(1 + 100.0), 1e-4);  // d/dr 8 asinh(r/8) at r = 80
+}
+
+class MetricTest : public ::testing::Test {
+ protected:
+  Layout layout = small_layout();
+  NuisanceRow pose{normals(layout.size, 7), 0}, global{normals(layout.size, 8), -1};
+
+  void SetUp() override {
+    for (int i = layout.size / 2; i < layout.size; ++i) pose.change[i] = 0;
+    for (float& v : pose.change) v *= 30;  // moves y by far more than its noise: nearly free
+    for (float& v : global.change) v *= 30;
+  }
+};
+
+TEST_F(MetricTest, NuisancesDoNotCount) {
+  const Metric metric(layout, Part::train, {pose, global});
+  Whitened moved = pose.change;
+  for (int i = 0; i < layout.size; ++i) moved[i] = 0.5f * moved[i] + 0.3f * global.change[i];
+  const double before = dot(moved, moved), after = dot(moved, metric.apply(moved));
+  EXPECT_LT(after, 1) << "what is left of it costs no more than the priors: 0.5^2 + 0.3^2";
+  EXPECT_GT(before, 1e4);
+  // And anything else still does: two of 197 directions are gone.
+  const Whitened other = normals(layout.size, 99);
+  EXPECT_GT(dot(other, metric.apply(other)), 0.85 * layout.size / 2);
+}
+
+TEST_F(MetricTest, IsSymmetricAndBlindToTheOtherSide) {
+  const Metric metric(layout, Part::train, {pose, global});
+  const Whitened a = normals(layout.size, 1), b = normals(layout.size, 2);
+  EXPECT_NEAR(dot(a, metric.apply(b)), dot(b, metric.apply(a)), 1e-3 * layout.size);
+  const Whitened q = metric.apply(a);
+  for (int i = layout.size / 2; i < layout.size; ++i) EXPECT_EQ(q[i], 0);
+}
+
+TEST_F(MetricTest, EstimatesWhatMoved) {
+  const Metric metric(layout, Part::train, {pose, global});
+  Whitened y(layout.size);
+  for (int i = 0; i < layout.size; ++i) y[i] = 0.7f * pose.change[i] - 0.4f * global.change[i];
+  const auto values = metric.estimate(y);
+  EXPECT_NEAR(values[0], 0.7, 0.01);
+  EXPECT_NEAR(values[1], -0.4, 0.01);
+}
+
+TEST(PValue, FallsWithTheGainAndSaysWhereItIsExtrapolated) {
+  std::vector<double> nulls;
+  for (int k = 0; k < 50; ++k) nulls.push_back(std::pow(RandomStream(4).normal(k), 2));
+  const PValue small = gain_p_value(0.5, nulls), large = gain_p_value(40, nulls);
+  EXPECT_GT(small.p, 0.2);
+  EXPECT_FALSE(small.extrapolated);
+  EXPECT_LT(large.p, 1 / 51.0);
+  EXPECT_TRUE(large.extrapolated);
+  EXPECT_LT(gain_p_value(60, nulls).p, large.p);
+}
+
+TEST(SimulationCache, KeepsWhatItWasGiven) {
+  const auto folder = std::filesystem::temp_directory_path() / "binrig_cache_test";
+  std::filesystem::remove_all(folder);
+  const SimulationCache cache(folder.string());
+  EXPECT_FALSE(cache.get(42).has_value());
+  cache.put(42, {1.f, 2.f});
+  EXPECT_EQ(cache.get(42), (std::vector<float>{1.f, 2.f}));
+  std::filesystem::resize_file(*std::filesystem::recursive_directory_iterator(folder / "00"), 10);
+  EXPECT_FALSE(cache.get(42).has_value()) << "a torn file is no hit";
+  std::filesystem::remove_all(folder);
+}
+
+}  // namespace
+}  // namespace binrig
