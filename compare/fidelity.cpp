@@ -267,8 +267,9 @@ Fidelity judge(std::vector<CaptureFidelity> captures, std::vector<Aspect> others
       return std::pair(static_cast<int>(a->agreement == Agreement::differs), std::abs(a->effect)) <
              std::pair(static_cast<int>(b->agreement == Agreement::differs), std::abs(b->effect));
     });
-    std::string sentence = fmt::format("{}: measured {:.3g}, simulated {:.3g} {}, {}", worst->title, worst->measured,
-                                       worst->simulated, worst->unit == "1" ? "" : worst->unit, effect_text(*worst));
+    std::string sentence =
+        fmt::format("{}: measured {:.3g}, simulated {:.3g}{}, {}", worst->title, worst->measured, worst->simulated,
+                    worst->unit == "1" ? "" : " " + worst->unit, effect_text(*worst));
     if (std::isnan(worst->measured)) {
       sentence =
           fmt::format("{}: {:.0f} %, {:.0f} % would do", worst->title, 100 * worst->simulated, 100 * worst->tolerance);

@@ -32,7 +32,7 @@ Plot histogram_plot(const std::string& name, const NoiseProfile& m, const NoiseP
   plot.log_y = true;
   add_density(plot, m, "measured", Ink::measured);
   if (s) add_density(plot, *s, "simulated", Ink::simulated);
-  Curve normal{"Gaussian of the same sigma", {}, {}, Ink::reference, Stroke::dotted};
+  Curve normal{"Gaussian", {}, {}, Ink::reference, Stroke::dotted};
   const double sigma = std::max(m.marginal.sigma_mm, 1e-9);
   for (int i = -50; i <= 50; ++i) {
     const double z = i / 10.0;
@@ -62,17 +62,17 @@ Plot spectrum_plot(const std::string& name, const NoiseProfile& m, const NoisePr
   plot.y_label = "power density (mm\u00b2 px\u00b2)";
   plot.log_y = true;
   const auto curve = [&](const NoiseProfile& p, const char* label, Ink ink) {
-    Curve c{label, p.spectrum.frequency, {}, ink, Stroke::line};
+    Curve c{label, p.spectrum.frequency, {}, ink, ink == Ink::simulated ? Stroke::dashed : Stroke::line};
     for (const auto& e : p.spectrum.density) c.y.push_back(e.value);
     plot.curves.push_back(c);
   };
   if (comparison && comparison->rings > 0) {
     plot.bands.push_back(
-        {"95 % prediction band", comparison->frequency, comparison->band_low, comparison->band_high, Ink::simulated});
+        {"95 % band", comparison->frequency, comparison->band_low, comparison->band_high, Ink::simulated});
   }
   if (s) curve(*s, "simulated", Ink::simulated);
   curve(m, "measured", Ink::measured);
-  Curve white{"white noise of the same sigma", {0, 0.5}, {}, Ink::reference, Stroke::dotted};
+  Curve white{"white noise", {0, 0.5}, {}, Ink::reference, Stroke::dotted};
   white.y.assign(2, m.sigma_mm.value * m.sigma_mm.value);
   plot.curves.push_back(white);
   plot.x_range = {{0, 0.5}};
@@ -94,8 +94,10 @@ Plot autocorrelation_plot(const std::string& name, const NoiseProfile& m, const 
   plot.x_label = "distance (px)";
   plot.y_label = "autocorrelation";
   const auto add = [&](const NoiseProfile& p, const char* label, Ink ink) {
-    plot.curves.push_back({label, distances(p.autocorrelation.size()), p.autocorrelation, ink, Stroke::line});
-    plot.curves.push_back({"", distances(p.autocorrelation.size()), p.autocorrelation, ink, Stroke::points});
+    plot.curves.push_back({label, distances(p.autocorrelation.size()), p.autocorrelation, ink,
+                           ink == Ink::simulated ? Stroke::dashed : Stroke::line});
+    plot.curves.push_back({"", distances(p.autocorrelation.size()), p.autocorrelation, ink,
+                           ink == Ink::simulated ? Stroke::rings : Stroke::points});
   };
   add(m, "measured", Ink::measured);
   if (s) add(*s, "simulated", Ink::simulated);
@@ -165,11 +167,11 @@ Plot variogram_plot(const std::string& name, const NoiseProfile& m, const NoiseP
   plot.x_label = "frames apart";
   plot.y_label = "half mean square difference (mm\u00b2)";
   const auto add = [&](const NoiseProfile& p, const char* label, Ink ink) {
-    Curve c{label, {}, p.time.variogram_mm2, ink, Stroke::line};
+    Curve c{label, {}, p.time.variogram_mm2, ink, ink == Ink::simulated ? Stroke::dashed : Stroke::line};
     for (std::size_t k = 0; k < c.y.size(); ++k) c.x.push_back(k + 1.0);
     plot.curves.push_back(c);
     c.label.clear();
-    c.stroke = Stroke::points;
+    c.stroke = ink == Ink::simulated ? Stroke::rings : Stroke::points;
     plot.curves.push_back(c);
   };
   add(m, "measured", Ink::measured);

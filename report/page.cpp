@@ -101,7 +101,8 @@ const char* const wipe_tools =
 }  // namespace
 
 Cell::Cell(std::string given, Mark mark) : text(std::move(given)), mark(mark) {
-  number = !text.empty() && text.size() <= 24 && text.find_first_not_of("0123456789.eE+-<> %") == std::string::npos &&
+  number = !text.empty() && text.size() <= 32 &&
+           text.find_first_not_of("0123456789.eE+-<> %()\xe2\x80\x93\xc2\xa0") == std::string::npos &&
            text.find_first_not_of("0123456789.+-<> %") != 0;
 }
 

@@ -37,8 +37,10 @@ caption { caption-side: top; text-align: left; color: var(--soft); padding-botto
 caption::before { counter-increment: table; content: "Table " counter(table) ". "; color: var(--ink); font-weight: 600; }
 th { text-align: left; font-weight: 600; border-bottom: 1.5px solid var(--ink); border-top: 1.5px solid var(--ink);
   padding: 6px 14px 6px 0; vertical-align: bottom; }
+td:first-child { min-width: 8.5em; }
 td { border-bottom: 1px solid var(--line); padding: 5px 14px 5px 0; vertical-align: top; }
-tr:last-child td { border-bottom: 1.5px solid var(--ink); }
+tr:last-child td:first-child { min-width: 8.5em; }
+td { border-bottom: 1.5px solid var(--ink); }
 td.num, th.num { text-align: right; } td.num { white-space: nowrap; } th { max-width: 12em; }
 td.good, td.bad, td.open { font-weight: 600; }
 .good > .sign, td.good { color: var(--good); } .bad > .sign, td.bad { color: var(--bad); }
