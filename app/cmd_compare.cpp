@@ -243,6 +243,7 @@ int compare(const CompareOptions& options) {
     if (!capture.has_depth() || capture.size() == 0) {
       notes.push_back(info.key() + " has no depth and was left out");
     } else if (!renders && (!simulated.set || info.target == TargetKind::scene)) {
+      for (int i = 0; i < capture.size(); ++i) capture.frame(i);  // a broken file is an error, not a capture less
       notes.push_back(info.key() + " cannot be simulated and was left out");
     } else {
       (info.target == TargetKind::plane ? planes : scenes).push_back(info);
