@@ -1,0 +1,94 @@
+#include "diagnose/hypotheses.h"
+
+#include <cmath>
+#include <set>
+
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+#include "sim/effect.h"
+
+namespace binrig {
+namespace {
+
+/// The real catalogue over a recording that meets every need but motion.
+class NoMotion : public ForwardModel {
+ public:
+  const EffectCatalogue& catalogue() const override { return effect_catalogue(); }
+  const std::vector<CaptureInfo>& captures() const override { return captures_; }
+  const SetInfo& set() const override { return set_; }
+  std::shared_ptr<const Channels> perfect(int, int, const Offset&, ChannelSet, const SensorModel&) const override {
+    throw Error("not asked for here");
+  }
+  void simulate(const SimulationRequest&, const FrameSink&) const override { throw Error("not asked for here"); }
+  std::vector<std::pair<std::string, std::string>> inactive(const SensorModel& model) const override {
+    std::vector<std::pair<std::string, std::string>> list;
+    for (const auto& effect : model.effects)
+      if (effect.declaration(effect_catalogue()).needs.motion) list.emplace_back(effect.id, "nothing moves");
+    return list;
+  }
+
+ private:
+  std::vector<CaptureInfo> captures_;
+  SetInfo set_;
+};
+
+SensorModel one_effect_model() {
+  SensorModel model;
+  model.name = "one";
+  add_effect(model, effect_catalogue(), "spectral_noise");
+  return model;
+}
+
+TEST(Hypotheses, EveryAbsentEffectIsOneUnlessTheRecordingCannotShowIt) {
+  const NoMotion forward;
+  const Hypotheses all = make_hypotheses(forward, one_effect_model());
+  std::set<std::string> tested, untested;
+  for (const auto& h : all.tested) tested.insert(h.effect);
+  for (const auto& u : all.untested) untested.insert(u.effect);
+  for (const EffectDeclaration* effect : effect_catalogue().all()) {
+    const bool present = effect->name == "spectral_noise";
+    if (present || effect->user_defined) {
+      EXPECT_FALSE(tested.count(effect->name) || untested.count(effect->name)) << effect->name;
+    } else if (effect->needs.motion) {
+      EXPECT_TRUE(untested.count(effect->name)) << effect->name;
+    } else {
+      EXPECT_TRUE(tested.count(effect->name)) << effect->name;
+    }
+  }
+}
+
+TEST(Hypotheses, AtomsLieWithinBoundsAndMakeValidModels) {
+  const NoMotion forward;
+  for (const auto& hypothesis : make_hypotheses(forward, one_effect_model()).tested) {
+    ASSERT_FALSE(hypothesis.paths.empty()) << hypothesis.effect;
+    for (const auto& path : hypothesis.paths) {
+      ASSERT_FALSE(path.atoms.empty()) << hypothesis.effect;
+      for (const auto& atom : path.atoms)
+        EXPECT_NO_THROW({
+          SensorModel model = with_effect(one_effect_model(), effect_catalogue(), hypothesis.effect, atom.values);
+          check_sensor_model(model, effect_catalogue());
+        }) << hypothesis.effect;
+    }
+  }
+}
+
+TEST(Hypotheses, PhasesComeInPairsAQuarterApart) {
+  const NoMotion forward;
+  int pairs = 0;
+  for (const auto& hypothesis : make_hypotheses(forward, one_effect_model()).tested)
+    for (const auto& path : hypothesis.paths) {
+      if (path.quadrature_of < 0) continue;
+      ++pairs;
+      const auto& other = hypothesis.paths[path.quadrature_of];
+      ASSERT_EQ(path.atoms.size(), other.atoms.size());
+      for (const auto& spec : hypothesis.declaration->parameters) {
+        const double difference = path.atoms[0].values.at(spec.name) - other.atoms[0].values.at(spec.name);
+        EXPECT_NEAR(difference, spec.kind == ParameterKind::phase ? std::acos(0.0) : 0, 1e-12) << hypothesis.effect;
+      }
+    }
+  EXPECT_GT(pairs, 2) << "the catalogue has several periodic effects";
+}
+
+}  // namespace
+}  // namespace binrig
