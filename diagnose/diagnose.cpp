@@ -209,9 +209,7 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
     evidence.accepted.push_back(accepted);
     added.push_back(best->effect);
     RungOptions again = rung_options;
-    again.passes = 1;
     again.simulations = std::max(16, options.simulations / 2);
-    again.iterations = 4;
     again.try_switches = false;
     const SensorModel start = best->model;
     const auto offsets = rung.offsets;
