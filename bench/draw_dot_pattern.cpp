@@ -30,7 +30,7 @@ cv::Mat depth_picture(const Frame& frame, cv::Rect part, double low, double high
   MapPanel panel;
   panel.values = frame.depth_mm(part).clone();
   panel.valid = panel.values > 0;
-  return colour_panel(panel, low, high, ColourScale::sequential).rgb;
+  return colour_panel(panel, low, high, ColourScale::sequential).rgb();
 }
 
 // Steps and ripples: what is left of the depth after a Gaussian of 6 px that skips holes.
@@ -42,7 +42,7 @@ cv::Mat detail_picture(const Frame& frame, cv::Rect part) {
   MapPanel panel;
   panel.values = depth - smooth / cv::max(weight, 1e-3f);
   panel.valid = depth > 0;
-  return colour_panel(panel, -5, 5, ColourScale::diverging).rgb;
+  return colour_panel(panel, -5, 5, ColourScale::diverging).rgb();
 }
 
 int draw(int argc, char** argv) {
