@@ -14,7 +14,7 @@ json number(double value) { return std::isfinite(value) ? json(value) : json(nul
 
 json score_json(const Score& score) {
   json out;
-  out["unit"] = "mean square of the held-out residual over that of the last model's own simulations";
+  out["unit"] = "mean square of the whitened held-out residual, less that of the last model's own simulations, plus 1";
   out["heldout"] = number(score.heldout);
   out["floor"] = 1.0;
   out["band"] = {number(score.band_low), number(score.band_high)};
