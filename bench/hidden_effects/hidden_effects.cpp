@@ -1,0 +1,120 @@
+// hidden_effects: hides effects in recordings of the small campaign and asks the diagnosis which.
+//
+//   hidden_effects --out lines.jsonl [--seeds N --strength weak,medium,strong --effects a,b --none N --pairs N ...]
+//
+// One line of JSON a recording is appended as soon as it is diagnosed; recordings that the file has already are not
+// done again. Signatures and other simulations are kept in BINRIG_CACHE.
+#include <sys/resource.h>
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <set>
+
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+
+#include "bench/hidden_effects/study.h"
+#include "core/parallel.h"
+#include "core/progress.h"
+#include "core/recording_writer.h"
+
+namespace binrig::hidden {
+namespace {
+
+double cpu_seconds() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return usage.ru_utime.tv_sec + usage.ru_stime.tv_sec + 1e-6 * (usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
+}
+
+std::vector<nlohmann::json> read_lines(const std::string& path) {
+  std::vector<nlohmann::json> lines;
+  std::ifstream in(path);
+  for (std::string text; std::getline(in, text);) {
+    const auto line = nlohmann::json::parse(text, nullptr, false);
+    if (!line.is_discarded()) lines.push_back(line);  // the last one may be cut off
+  }
+  return lines;
+}
+
+int run(int argc, char** argv) {
+  Plan plan;
+  std::string out, summary_out;
+  std::vector<std::string> strengths{"medium"};
+  bool improve = false;
+  double time_limit_s = 1e9;
+  int threads = 0;
+  DiagnosisOptions options;
+  CLI::App app{"Hides effects in recordings and asks the diagnosis which"};
+  app.add_option("--out", out, "file of results, one JSON line a recording; recordings in it are not done again")
+      ->required();
+  app.add_option("--summary", summary_out, "JSON of the summary");
+  app.add_option("--effects", plan.effects, "only these")->delimiter(',');
+  app.add_option("--strength", strengths, "weak, medium, strong")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"weak", "medium", "strong"}));
+  app.add_option("--seeds", plan.seeds, "recordings of each effect and strength");
+  app.add_option("--none", plan.none, "recordings with nothing hidden");
+  app.add_option("--pairs", plan.pairs, "recordings with two effects");
+  app.add_option("--outside", plan.outside, "recordings with effects that the catalogue does not have");
+  app.add_flag("--improve", improve, "go on adding effects as `binrig improve` does");
+  app.add_option("--time-limit", time_limit_s, "begin no recording after so many seconds");
+  app.add_option("--jobs", threads, "threads; default: all cores");
+  CLI11_PARSE(app, argc, argv);
+  if (threads > 0) set_jobs(threads);
+  if (improve) options.most_effects = 6;
+  plan.strengths.clear();
+  for (const std::string& word : strengths)
+    plan.strengths.push_back(word == "weak" ? Strength::weak : word == "medium" ? Strength::medium : Strength::strong);
+
+  std::vector<nlohmann::json> lines = read_lines(out);
+  std::set<std::string> done;
+  for (const auto& line : lines) done.insert(line["key"].get<std::string>());
+  std::ofstream append(out, std::ios::app);
+  const bench::SmallCampaign campaign;
+  SimulationCache cache = SimulationCache::standard();
+  const auto began = std::chrono::steady_clock::now();
+  std::vector<nlohmann::json> chosen;
+  for (const Case& c : cases_of(plan)) {
+    if (done.count(c.key())) {
+      for (const auto& line : lines)
+        if (line["key"] == c.key()) chosen.push_back(line);
+      continue;
+    }
+    if (std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count() > time_limit_s) break;
+    const double cpu = cpu_seconds();
+    nlohmann::json line;
+    try {
+      const Truth truth = make_truth(campaign.forward(), c);
+      const Diagnosis diagnosis = ask(campaign.forward(), truth, cache, options);
+      line = line_of(c, truth, diagnosis, cpu_seconds() - cpu);
+    } catch (const Error& error) {
+      line = {{"key", c.key()}, {"kind", c.kind}, {"error", error.what()}};
+    }
+    append << line.dump() << std::endl;
+    chosen.push_back(line);
+    fmt::print("{:<44} {:<16} ", c.key(), line.value("verdict", "error"));
+    if (line.contains("candidates"))
+      for (const auto& candidate : line["candidates"]) fmt::print(" {}", candidate["effect"].get<std::string>());
+    fmt::print("  ({:.1f} s CPU)\n", cpu_seconds() - cpu);
+    std::fflush(stdout);
+  }
+  const nlohmann::json summary = summary_of(chosen);
+  fmt::print("{}", summary_text(summary));
+  if (!summary_out.empty()) write_file_atomically(summary_out, summary.dump(1) + "\n");
+  return 0;
+}
+
+}  // namespace
+}  // namespace binrig::hidden
+
+int main(int argc, char** argv) {
+  try {
+    return binrig::hidden::run(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 2;
+  }
+}

@@ -1,0 +1,56 @@
+// The study: effects are hidden in recordings, the diagnosis is asked, and what it answers is counted.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "bench/hidden_effects/recording.h"
+#include "diagnose/diagnose.h"
+
+namespace binrig::hidden {
+
+/// One recording to be made and diagnosed.
+struct Case {
+  std::string kind;  ///< one, none, pair, outside
+  std::vector<std::string> effects;
+  Strength strength = Strength::medium;
+  std::uint64_t seed = 1;
+  std::string key() const;
+};
+
+struct Plan {
+  std::vector<std::string> effects;  ///< empty: the whole catalogue
+  std::vector<Strength> strengths{Strength::medium};
+  int seeds = 1;  ///< of each effect and strength
+  int none = 0, pairs = 0, outside = 0;
+};
+/// Seed by seed, so that a part of the list says something about all effects.
+std::vector<Case> cases_of(const Plan& plan);
+
+/// Everything about a recording but the answer: what is really there.
+struct Truth {
+  SensorModel instrument;  ///< with its five base effects
+  SensorModel start;       ///< the model that the diagnosis begins with: five effects, less those hidden
+  std::vector<HiddenEffect> hidden;
+  bench::Recording recording;
+};
+Truth make_truth(const SceneForwardModel& forward, const Case& c);
+
+Diagnosis ask(const SceneForwardModel& forward, const Truth& truth, SimulationCache& cache,
+              const DiagnosisOptions& options);
+
+/// One line of the study's file.
+nlohmann::json line_of(const Case& c, const Truth& truth, const Diagnosis& diagnosis, double cpu_s);
+
+/// Confusion matrix, rates with exact (Clopper-Pearson) 95 % intervals, errors, coverage, times.
+nlohmann::json summary_of(const std::vector<nlohmann::json>& lines);
+std::string summary_text(const nlohmann::json& summary);
+
+/// Exact two-sided 95 % interval of a share.
+std::pair<double, double> exact_interval(int successes, int trials);
+
+std::string strength_name(Strength strength);
+
+}  // namespace binrig::hidden
