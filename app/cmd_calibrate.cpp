@@ -259,7 +259,7 @@ class Calibration {
     const std::string how = fmt::format(
         "{} of {} planes{}", fit_.temporal ? "temporal noise" : "single frames (an upper bound)", train_.size(),
         off < 0.02 ? "" : fmt::format("; the model's other effects keep it {:.0f} % off", 100 * off));
-    const double carry = sigma / goal.sigma_mm;
+    const double carry = sigma / fit_.sigma_mm;  // the interval is of the noise without the storage's rounding
     set(*spectral, "sigma", sigma, {fit_.sigma_ci95[0] * carry, fit_.sigma_ci95[1] * carry}, how);
     if (!parametric) {
       for (const char* p : {"correlation_length", "white_share"})

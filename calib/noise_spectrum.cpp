@@ -27,16 +27,21 @@ int fast_size(int n) {
   }
 }
 
-// Sum over x of image(x) image(x + h) for |h| <= max_lag, (2 M + 1)^2, by DFT with enough zeros for no lag to wrap.
-cv::Mat autocorrelation(const cv::Mat& image, int max_lag) {
-  const int rows = fast_size(image.rows + max_lag), cols = fast_size(image.cols + max_lag);
+// Sum over images and x of image(x) image(x + h) for |h| <= max_lag, (2 M + 1)^2, by DFT with enough zeros for no lag
+// to wrap.
+cv::Mat autocorrelation(const std::vector<cv::Mat>& images, int max_lag) {
+  const int height = images[0].rows, width = images[0].cols;
+  const int rows = fast_size(height + max_lag), cols = fast_size(width + max_lag);
   cv::Mat padded = cv::Mat::zeros(rows, cols, CV_32F);
-  image.copyTo(padded(cv::Rect(0, 0, image.cols, image.rows)));
   const Fft2 fft(rows, cols);
-  std::vector<std::complex<float>> spectrum;
-  fft.forward(padded, spectrum);
-  for (auto& value : spectrum) value = std::norm(value);
-  fft.inverse(spectrum, padded);
+  std::vector<std::complex<float>> spectrum, power;
+  for (const cv::Mat& image : images) {
+    image.copyTo(padded(cv::Rect(0, 0, width, height)));
+    fft.forward(padded, spectrum);
+    power.resize(spectrum.size());
+    for (std::size_t k = 0; k < power.size(); ++k) power[k] += std::norm(spectrum[k]);
+  }
+  fft.inverse(power, padded);
   const int side = 2 * max_lag + 1;
   cv::Mat lags(side, side, CV_64F);
   const double scale = 1.0 / (static_cast<double>(rows) * cols);
@@ -180,9 +185,9 @@ RadialDensity SpectrumEstimate::radial(int bins) const {
   const cv::Mat masked = cosine_transform(window.mul(covariance).mul(products), n, n);
   const cv::Mat weights = product_weights(*this);
   const double area = spanned_area(products);
-  cv::Mat cos_y, sin_y, cos_x, sin_x;
-  phases(n, n, max_lag_px, cos_y, sin_y);
-  phases(n / 2 + 1, n, max_lag_px, cos_x, sin_x);
+  const Fft2 fft(n, n);
+  std::vector<std::complex<float>> indicator;
+  cv::Mat mean_cosine(n, n, CV_32F);
   for (int ring = 0; ring < bins; ++ring) {
     cv::Mat members = cv::Mat::zeros(n, n / 2 + 1, CV_64F);
     for (int row = 0; row < n; ++row)
@@ -192,13 +197,23 @@ RadialDensity SpectrumEstimate::radial(int bins) const {
     const double count = cv::sum(members)[0];
     if (count == 0) continue;
     members /= count;
-    // Mean of cos(2 pi f h) over the ring, for every lag.
-    const cv::Mat mean_cosine = cos_y.t() * members * cos_x - sin_y.t() * members * sin_x;
-    const cv::Mat product = weights.mul(mean_cosine);
+    // Mean of cos(2 pi f h) over the ring, for every lag: the inverse DFT of the ring's indicator.
+    indicator.assign(static_cast<std::size_t>(n) * fft.half_cols(), 0.f);
+    for (int row = 0; row < n; ++row)
+      for (int col = 0; col <= n / 2; ++col)
+        if (members.at<double>(row, col) > 0)
+          indicator[static_cast<std::size_t>(row) * fft.half_cols() + col] = static_cast<float>(1 / count);
+    fft.inverse(indicator, mean_cosine);
+    double squares = 0;
+    for (int dy = -max_lag_px; dy <= max_lag_px; ++dy)
+      for (int dx = -max_lag_px; dx <= max_lag_px; ++dx)
+        squares += std::pow(
+            weights.at<double>(dy + max_lag_px, dx + max_lag_px) * mean_cosine.at<float>((dy + n) % n, (dx + n) % n),
+            2);
     const double density_here = s.dot(members), masked_here = masked.dot(members);
     result.frequency.push_back((ring + 0.5) / (2.0 * bins));
     result.density.push_back(density_here);
-    result.sd.push_back(std::abs(masked_here) * std::sqrt(2 * frame_dependence / area * product.dot(product)));
+    result.sd.push_back(std::abs(masked_here) * std::sqrt(2 * frame_dependence / area * squares));
   }
   return result;
 }
@@ -233,23 +248,19 @@ void SpectrumEstimator::add(const cv::Mat& residual_mm, const cv::Mat& valid, do
         fmt::format("a region of {} x {} pixels is too small for lags of {} px", box.width, box.height, max_lag_));
   const cv::Mat inside = valid(box).clone();
   const PolynomialBasis basis(inside, drop_order_);
-  raw_ += factor * autocorrelation(basis.remainder(residual_mm(box)), max_lag_);
+  raw_ += factor * autocorrelation({basis.remainder(residual_mm(box))}, max_lag_);
   cv::Mat ones;
   inside.convertTo(ones, CV_32F, 1.0 / 255);
   cv::threshold(ones, ones, 0, 1, cv::THRESH_BINARY);
   // Counts are whole numbers; the DFT's rounding would leave 1e-4 where there are none.
-  cv::Mat counts = autocorrelation(ones, max_lag_);
+  cv::Mat counts = autocorrelation({ones}, max_lag_);
   for (double& count : cv::Mat_<double>(counts)) count = std::nearbyint(count);
   pairs_ += counts;
   if (removed_.empty()) {
     // The masks of a capture differ by a few pixels: the first one's functions stand for all.
-    removed_.assign(drop_order_ + 1, cv::Mat());
-    for (int f = 0; f < basis.size(); ++f) {
-      const int order = basis.order_of(f);
-      const cv::Mat lags = autocorrelation(basis.function(f), max_lag_);
-      if (removed_[order].empty()) removed_[order] = cv::Mat::zeros(lags.size(), CV_64F);
-      removed_[order] += lags;
-    }
+    std::vector<std::vector<cv::Mat>> functions(drop_order_ + 1);
+    for (int f = 0; f < basis.size(); ++f) functions[basis.order_of(f)].push_back(basis.function(f));
+    for (const auto& of_order : functions) removed_.push_back(autocorrelation(of_order, max_lag_));
   }
   ++frames_;
 }

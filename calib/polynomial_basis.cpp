@@ -1,5 +1,7 @@
 #include "calib/polynomial_basis.h"
 
+#include <algorithm>
+
 #include <fmt/format.h>
 #include <Eigen/Dense>
 #include <opencv2/core.hpp>
@@ -34,12 +36,29 @@ PolynomialBasis::PolynomialBasis(const cv::Mat& valid, int order) : valid_(valid
     throw Error(fmt::format("{} valid pixels are too few to remove {} low frequencies from", pixels, size()));
   legendre_x_ = legendre(box_.width, order);
   legendre_y_ = legendre(box_.height, order);
-  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(size(), size());
-  Eigen::MatrixXd values;
-  std::vector<int> cols;
+  // The functions are products: the moments of a row along x, then the row's powers along y.
+  const int n = order + 1;
+  const Eigen::MatrixXd full_row = legendre_x_.transpose() * legendre_x_;
+  Eigen::MatrixXd moments(n, n), masked(box_.width, n), gram = Eigen::MatrixXd::Zero(size(), size());
   for (int row = 0; row < box_.height; ++row) {
-    row_of_values(row, values, cols);
-    gram.selfadjointView<Eigen::Lower>().rankUpdate(values);
+    const std::uint8_t* inside = valid_.ptr<std::uint8_t>(box_.y + row) + box_.x;
+    const auto holes = std::count(inside, inside + box_.width, 0);
+    if (holes == box_.width) continue;
+    if (holes == 0) {
+      moments = full_row;
+    } else {
+      for (int col = 0; col < box_.width; ++col) {
+        if (inside[col] != 0)
+          masked.row(col) = legendre_x_.row(col);
+        else
+          masked.row(col).setZero();
+      }
+      moments.noalias() = masked.transpose() * legendre_x_;
+    }
+    for (int f = 0; f < size(); ++f)
+      for (int g = 0; g <= f; ++g)
+        gram(f, g) += moments(degrees_[f][0], degrees_[g][0]) * legendre_y_(row, degrees_[f][1]) *
+                      legendre_y_(row, degrees_[g][1]);
   }
   const Eigen::LLT<Eigen::MatrixXd> factor(gram.selfadjointView<Eigen::Lower>());
   lower_ = factor.matrixL();
@@ -47,65 +66,47 @@ PolynomialBasis::PolynomialBasis(const cv::Mat& valid, int order) : valid_(valid
     throw Error("the low frequencies cannot be told apart on this region: it is too thin");
 }
 
-void PolynomialBasis::row_of_values(int row, Eigen::MatrixXd& values, std::vector<int>& cols) const {
-  cols.clear();
-  const std::uint8_t* inside = valid_.ptr<std::uint8_t>(box_.y + row);
-  for (int col = 0; col < box_.width; ++col)
-    if (inside[box_.x + col] != 0) cols.push_back(col);
-  values.resize(size(), static_cast<Eigen::Index>(cols.size()));
-  for (std::size_t i = 0; i < cols.size(); ++i)
-    for (int f = 0; f < size(); ++f)
-      values(f, static_cast<Eigen::Index>(i)) = legendre_x_(cols[i], degrees_[f][0]) * legendre_y_(row, degrees_[f][1]);
-}
-
 std::array<double, 2> PolynomialBasis::frequency(int function) const {
   return {0.5 * degrees_[function][0] / box_.width, 0.5 * degrees_[function][1] / box_.height};
 }
 
 Eigen::VectorXd PolynomialBasis::coefficients(const cv::Mat& image) const {
-  Eigen::VectorXd sums = Eigen::VectorXd::Zero(size());
-  Eigen::MatrixXd values;
-  std::vector<int> cols;
+  Eigen::VectorXd sums = Eigen::VectorXd::Zero(size()), line(box_.width), along_x(legendre_x_.cols());
   for (int row = 0; row < box_.height; ++row) {
-    row_of_values(row, values, cols);
+    const std::uint8_t* inside = valid_.ptr<std::uint8_t>(box_.y + row) + box_.x;
     const float* pixels = image.ptr<float>(box_.y + row) + box_.x;
-    Eigen::VectorXd line(static_cast<Eigen::Index>(cols.size()));
-    for (std::size_t i = 0; i < cols.size(); ++i) line[static_cast<Eigen::Index>(i)] = pixels[cols[i]];
-    sums += values * line;
+    for (int col = 0; col < box_.width; ++col) line[col] = inside[col] != 0 ? pixels[col] : 0.0;
+    along_x.noalias() = legendre_x_.transpose() * line;
+    for (int f = 0; f < size(); ++f) sums[f] += along_x[degrees_[f][0]] * legendre_y_(row, degrees_[f][1]);
   }
   return lower_.triangularView<Eigen::Lower>().solve(sums);
 }
 
-cv::Mat PolynomialBasis::remainder(const cv::Mat& image) const {
-  const Eigen::VectorXd weights = lower_.transpose().triangularView<Eigen::Upper>().solve(coefficients(image));
-  cv::Mat result = cv::Mat::zeros(image.size(), CV_32F);
-  Eigen::MatrixXd values;
-  std::vector<int> cols;
+cv::Mat PolynomialBasis::combination(const Eigen::VectorXd& coefficients) const {
+  const Eigen::VectorXd weights = lower_.transpose().triangularView<Eigen::Upper>().solve(coefficients);
+  cv::Mat result = cv::Mat::zeros(valid_.size(), CV_32F);
+  Eigen::VectorXd line(box_.width), along_x(legendre_x_.cols());
   for (int row = 0; row < box_.height; ++row) {
-    row_of_values(row, values, cols);
-    const Eigen::VectorXd fitted = values.transpose() * weights;
-    const float* from = image.ptr<float>(box_.y + row) + box_.x;
+    along_x.setZero();
+    for (int f = 0; f < size(); ++f) along_x[degrees_[f][0]] += weights[f] * legendre_y_(row, degrees_[f][1]);
+    line.noalias() = legendre_x_ * along_x;
+    const std::uint8_t* inside = valid_.ptr<std::uint8_t>(box_.y + row) + box_.x;
     float* to = result.ptr<float>(box_.y + row) + box_.x;
-    for (std::size_t i = 0; i < cols.size(); ++i)
-      to[cols[i]] = static_cast<float>(from[cols[i]] - fitted[static_cast<Eigen::Index>(i)]);
+    for (int col = 0; col < box_.width; ++col) to[col] = inside[col] != 0 ? static_cast<float>(line[col]) : 0.f;
   }
+  return result;
+}
+
+cv::Mat PolynomialBasis::remainder(const cv::Mat& image) const {
+  cv::Mat result = cv::Mat::zeros(image.size(), CV_32F);
+  cv::subtract(image, combination(coefficients(image)), result, valid_);
   return result;
 }
 
 cv::Mat PolynomialBasis::function(int index) const {
   Eigen::VectorXd unit = Eigen::VectorXd::Zero(size());
   unit[index] = 1;
-  const Eigen::VectorXd weights = lower_.transpose().triangularView<Eigen::Upper>().solve(unit);
-  cv::Mat result = cv::Mat::zeros(valid_.size(), CV_32F);
-  Eigen::MatrixXd values;
-  std::vector<int> cols;
-  for (int row = 0; row < box_.height; ++row) {
-    row_of_values(row, values, cols);
-    const Eigen::VectorXd line = values.transpose() * weights;
-    float* to = result.ptr<float>(box_.y + row) + box_.x;
-    for (std::size_t i = 0; i < cols.size(); ++i) to[cols[i]] = static_cast<float>(line[static_cast<Eigen::Index>(i)]);
-  }
-  return result;
+  return combination(unit);
 }
 
 }  // namespace binrig

@@ -31,7 +31,7 @@ class PolynomialBasis {
   cv::Mat function(int index) const;
 
  private:
-  void row_of_values(int row, Eigen::MatrixXd& values, std::vector<int>& cols) const;
+  cv::Mat combination(const Eigen::VectorXd& coefficients) const;
 
   cv::Mat valid_;
   cv::Rect box_;

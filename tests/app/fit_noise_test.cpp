@@ -24,7 +24,7 @@ json read_json(const std::string& path) {
 }
 
 // A set of planes seen by a sensor whose model is known: three distances to fit on, one held out.
-void write_planes(const std::string& folder, const std::string& model_text, int frames) {
+void write_planes(const std::string& folder, const std::string& model_text, int frames, double depth_scale_mm = 0.02) {
   const SensorModel model = parse_sensor_model(model_text, "test", effect_catalogue());
   SetInfo info;
   info.sensor.name = "test sensor";
@@ -38,7 +38,7 @@ void write_planes(const std::string& folder, const std::string& model_text, int 
     plane.offset_mm = plane.normal.z() * distance;
     plane.projector_xyz_mm = info.sensor.projector_xyz_mm;
     plane.reference_distance_mm = 800;
-    plane.depth_scale_mm = 0.02;
+    plane.depth_scale_mm = depth_scale_mm;
     plane.frames = frames;
     plane.seed = seed;
     plane.capture = split + std::to_string(id);
@@ -163,6 +163,21 @@ TEST_F(FitNoiseVerb, CalibrateFindsParametersAndNamesTheOthers) {
   EXPECT_TRUE(dropout_open);
   EXPECT_NEAR(read_sensor_model(folder / "calibrated.yaml", effect_catalogue()).find("depth_units")->value("step"), 0.1,
               1e-9);
+}
+
+TEST_F(FitNoiseVerb, AnIntervalHoldsItsEstimateWhereStorageIsCoarse) {
+  // Steps of 1 mm against noise of 0.6: rounding is a fifth of the measured variance.
+  write_planes(folder / "set",
+               "name: truth\ncamera: recording\nprojector: recording\ndepth_scale: recording\neffects:\n"
+               "  - spectral_noise: {sigma: 0.6, correlation_length: 0.9, white_share: 0.2}\n",
+               4, 1.0);
+  const test::Run run = run_binrig("calibrate --quiet --json --measured " + (folder / "set") + " --model " +
+                                   (folder / "start.yaml") + " --out " + (folder / "calibrated.yaml"));
+  ASSERT_EQ(run.status, 0) << run.output;
+  for (const auto& p : json::parse(run.output)["parameters"]) {
+    EXPECT_LE(p["ci95"].at(0), p["value"]) << p;
+    EXPECT_GE(p["ci95"].at(1), p["value"]) << p;
+  }
 }
 
 }  // namespace
