@@ -61,6 +61,9 @@ int run(int argc, char** argv) {
   app.add_option("--outside", plan.outside, "recordings with effects that the catalogue does not have");
   app.add_flag("--improve", improve, "go on adding effects as `binrig improve` does");
   app.add_option("--time-limit", time_limit_s, "begin no recording after so many seconds");
+  bool agreement = false;
+  app.add_flag("--agreement", agreement,
+               "no diagnosis: how far each hidden effect is from the catalogue's at the same values, by segment");
   app.add_option("--jobs", threads, "threads; default: all cores");
   CLI11_PARSE(app, argc, argv);
   if (threads > 0) set_jobs(threads);
@@ -84,6 +87,14 @@ int run(int argc, char** argv) {
       continue;
     }
     if (std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count() > time_limit_s) break;
+    if (agreement) {
+      fmt::print("{:<44}", c.key());
+      for (const auto& [segment, square] : disagreement(campaign.forward(), make_truth(campaign.forward(), c), cache))
+        fmt::print(" {} {:.2f}", segment, square);
+      fmt::print("\n");
+      std::fflush(stdout);
+      continue;
+    }
     const double cpu = cpu_seconds();
     nlohmann::json line;
     try {
@@ -101,6 +112,7 @@ int run(int argc, char** argv) {
     fmt::print("  ({:.1f} s CPU)\n", cpu_seconds() - cpu);
     std::fflush(stdout);
   }
+  if (agreement) return 0;
   const nlohmann::json summary = summary_of(chosen);
   fmt::print("{}", summary_text(summary));
   if (!summary_out.empty()) write_file_atomically(summary_out, summary.dump(1) + "\n");

@@ -65,8 +65,8 @@ Truth make_truth(const SceneForwardModel& forward, const Case& c) {
     truth.hidden.push_back(draw_hidden(name, c.strength, draws));
     std::erase_if(truth.start.effects, [&](const EffectInstance& e) { return e.effect == name; });
   }
-  const auto offsets = bench::drawn_offsets(forward, draws.child("registration").key());
-  truth.recording = record(forward, truth.instrument, truth.hidden, offsets, draws.child("frames").key());
+  truth.offsets = bench::drawn_offsets(forward, draws.child("registration").key());
+  truth.recording = record(forward, truth.instrument, truth.hidden, truth.offsets, draws.child("frames").key());
   return truth;
 }
 
@@ -74,6 +74,31 @@ Diagnosis ask(const SceneForwardModel& forward, const Truth& truth, SimulationCa
               const DiagnosisOptions& options) {
   return diagnose(
       forward, [&](int capture, int frame) { return truth.recording[capture][frame]; }, truth.start, cache, options);
+}
+
+std::map<std::string, double> disagreement(const SceneForwardModel& forward, const Truth& truth, SimulationCache& cache,
+                                           int simulations) {
+  SensorModel model = truth.instrument;
+  for (const HiddenEffect& effect : truth.hidden) {
+    std::erase_if(model.effects, [&](const EffectInstance& e) { return e.effect == effect.name; });
+    add_effect(model, effect_catalogue(), effect.name, effect.values);
+  }
+  const Experiment experiment(forward, model, cache);
+  std::vector<Trial> trials;
+  for (int k = 0; k < simulations; ++k) trials.push_back({model, truth.offsets, static_cast<std::uint64_t>(k + 1)});
+  const Standard standard(experiment.layout(), experiment.simulate(trials));
+  std::vector<std::string> unreadable;
+  const Whitened y = standard.standardise(
+      experiment.measure([&](int capture, int frame) { return truth.recording[capture][frame]; }, unreadable));
+  std::map<std::string, double> square, count;
+  for (const Block& block : experiment.layout().blocks)
+    for (int i = block.offset; i < block.offset + block.size; ++i) {
+      if (standard.spread()[i] == 0) continue;
+      square[segments()[block.segment].name] += y[i] * y[i];
+      count[segments()[block.segment].name] += 1;
+    }
+  for (auto& [name, value] : square) value /= count[name];
+  return square;
 }
 
 nlohmann::json line_of(const Case& c, const Truth& truth, const Diagnosis& diagnosis, double cpu_s) {

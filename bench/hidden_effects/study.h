@@ -31,8 +31,9 @@ std::vector<Case> cases_of(const Plan& plan);
 
 /// Everything about a recording but the answer: what is really there.
 struct Truth {
-  SensorModel instrument;  ///< with its five base effects
-  SensorModel start;       ///< the model that the diagnosis begins with: five effects, less those hidden
+  SensorModel instrument;       ///< with its five base effects
+  std::vector<Offset> offsets;  ///< where the targets really stand
+  SensorModel start;            ///< the model that the diagnosis begins with: five effects, less those hidden
   std::vector<HiddenEffect> hidden;
   bench::Recording recording;
 };
@@ -40,6 +41,11 @@ Truth make_truth(const SceneForwardModel& forward, const Case& c);
 
 Diagnosis ask(const SceneForwardModel& forward, const Truth& truth, SimulationCache& cache,
               const DiagnosisOptions& options);
+
+/// How far the hidden recording is from what the catalogue makes of the very same instrument and registration: mean
+/// square by segment in units of the catalogue's own randomness (1 = the two implementations agree).
+std::map<std::string, double> disagreement(const SceneForwardModel& forward, const Truth& truth, SimulationCache& cache,
+                                           int simulations = 8);
 
 /// One line of the study's file.
 nlohmann::json line_of(const Case& c, const Truth& truth, const Diagnosis& diagnosis, double cpu_s);
