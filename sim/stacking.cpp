@@ -71,6 +71,34 @@ std::unique_ptr<btCollisionShape> piece_shape(const ConvexPiece& piece, const Po
   return shape;
 }
 
+/// Bullet stops what comes together fast at the first touch, a step ahead of it, and the little speed that is left
+/// after that is what bounces. Here the contacts that would close within this step count as closed, so that the whole
+/// speed bounces.
+class BouncingWorld : public btDiscreteDynamicsWorld {
+ public:
+  using btDiscreteDynamicsWorld::btDiscreteDynamicsWorld;
+
+ protected:
+  void solveConstraints(btContactSolverInfo& info) override {
+    for (int i = 0; i < getDispatcher()->getNumManifolds(); ++i) {
+      btPersistentManifold& manifold = *getDispatcher()->getManifoldByIndexInternal(i);
+      const btRigidBody *a = btRigidBody::upcast(manifold.getBody0()), *b = btRigidBody::upcast(manifold.getBody1());
+      for (int k = 0; k < manifold.getNumContacts(); ++k) {
+        btManifoldPoint& point = manifold.getContactPoint(k);
+        if (point.getDistance() <= 0) continue;
+        btVector3 v(0, 0, 0);
+        if (a) v += a->getVelocityInLocalPoint(point.getPositionWorldOnA() - a->getCenterOfMassPosition());
+        if (b) v -= b->getVelocityInLocalPoint(point.getPositionWorldOnB() - b->getCenterOfMassPosition());
+        const btScalar closing = -v.dot(point.m_normalWorldOnB);
+        if (closing > info.m_restitutionVelocityThreshold && closing * info.m_timeStep > point.getDistance()) {
+          point.setDistance(0);
+        }
+      }
+    }
+    btDiscreteDynamicsWorld::solveConstraints(info);
+  }
+};
+
 /// A kind of part ready for Bullet: M is the frame of its principal axes about its centre of mass.
 struct Kind {
   std::vector<std::unique_ptr<btCollisionShape>> pieces;
@@ -187,7 +215,7 @@ struct Stacking::Impl {
   btCollisionDispatcher dispatcher{&configuration};
   btDbvtBroadphase broadphase;
   btSequentialImpulseConstraintSolver solver;
-  btDiscreteDynamicsWorld world{&dispatcher, &broadphase, &solver, &configuration};
+  BouncingWorld world{&dispatcher, &broadphase, &solver, &configuration};
 
   std::vector<std::unique_ptr<btBoxShape>> bin_shapes;
   std::vector<std::unique_ptr<btCollisionObject>> bin_objects;

@@ -24,7 +24,7 @@ struct Body {
   std::vector<ConvexPiece> pieces;
   MassProperties mass;
   double friction = 0.4;               ///< Coulomb; a pair has the geometric mean of its two
-  double restitution = 0.1;            ///< 0..1; likewise
+  double restitution = 0.3;            ///< 0..1; likewise
   double rolling_resistance_mm = 0.2;  ///< lever arm of the normal force that resists rolling
 };
 
@@ -32,7 +32,7 @@ struct Body {
 struct BinBox {
   Vector3 inner_size_mm = Vector3(210, 160, 80);
   double wall_mm = 4;
-  double friction = 0.4, restitution = 0.25;
+  double friction = 0.4, restitution = 0.4;
 };
 
 /// How parts are laid out above the bin before they fall: an array of columns (x) by rows (y), in as many layers as
@@ -59,7 +59,7 @@ struct StackingSettings {
   double gravity_mm_s2 = 9810;
   double step_s = 1.0 / 960;  ///< shortened up to ten times while parts are fast
   int iterations = 10;
-  double most_linear_mm_s = 800, most_angular_rad_s = 20;
+  double most_linear_mm_s = 1000, most_angular_rad_s = 50;
   SteadyRule steady;
 };
 

@@ -15,7 +15,7 @@
 //       poses: [{translation: [0, 0, 20], rotation_vector_deg: [90, 0, 0]}]   # where they lie (X_WO)
 //       density: 7850                   # kg/m^3, or mass: 0.1 (kg)
 //       friction: 0.4
-//       restitution: 0.25
+//       restitution: 0.3
 //       rolling_resistance: 0.2         # mm
 //       collision: pieces               # or hull: the convex hull of the mesh stands for the part
 //   bins:
@@ -25,12 +25,12 @@
 //       pose: {...}                     # upright: turned about z alone
 //       surface: {albedo: 0.3}
 //       friction: 0.4
-//       restitution: 0.25
+//       restitution: 0.4
 //       fill: {cylinder: 9, wrench: 9}  # parts by name; a part's count falls into the first bin besides
 //       layout: {columns: 3, rows: 2, spacing: 70, height: 10, random_orientation: true,
 //                jolt: 0.5}            # before and while they fall
 //   physics:                            # see sim/stacking.h; every key may be absent
-//     {gravity: 9810, step: 0.00104, iterations: 10, most_linear: 800, most_angular: 20,
+//     {gravity: 9810, step: 0.00104, iterations: 10, most_linear: 1000, most_angular: 50,
 //      steady: {linear: 5, angular: 0.5, checks: 5, interval: 0.1, time_limit: 20}}
 //   table: {height: 0, surface: {albedo: 0.4}}   # the plane z = height of the world
 //   sensors:
@@ -65,7 +65,7 @@ struct WorldPart {
   int count = 0;                                 ///< how many are dropped into the first bin
   std::vector<Pose> X_WO;                        ///< those that lie where the file says
   std::optional<double> density_kg_m3, mass_kg;  ///< absent: 7850 kg/m^3 (steel)
-  double friction = 0.4, restitution = 0.25, rolling_resistance_mm = 0.2;
+  double friction = 0.4, restitution = 0.3, rolling_resistance_mm = 0.2;
   bool hull = false;  ///< collides as its convex hull
   std::string where;  ///< file:line, for messages
 };
@@ -75,7 +75,7 @@ struct WorldBin {
   Pose X_WB = Pose::Identity();
   Vector3 inner_size_mm = Vector3(210, 160, 80);
   double wall_mm = 4;
-  double friction = 0.4, restitution = 0.25;
+  double friction = 0.4, restitution = 0.4;
   Surface surface;
   std::shared_ptr<const Mesh> mesh;       ///< in B
   std::vector<std::pair<int, int>> fill;  ///< what falls into it: index into parts, how many
