@@ -1,12 +1,15 @@
 // Piles of every part over many seeds: how long they take to come to rest, and how well they lie. One thread.
 //
-//   stacking_bench [--parts cylinder,wrench,mix] [--counts 9,18,50] [--seeds 100]
+//   stacking_bench [--parts cylinder,wrench,mix] [--counts 9,18,50] [--seeds 100] [--results FILE]
 //
 // Counts above 18 fall into a bin that grows with them in all three directions, so that the pile fits.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
+#include <map>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include <CLI/CLI.hpp>
@@ -38,7 +41,14 @@ double mean(const std::vector<double>& values) {
   return sum / static_cast<double>(values.size());
 }
 
-void run(const std::string& name, int count, int seeds) {
+// What one pile gave; kept as a line of text, so that a long measurement can be stopped and taken up again.
+struct Pile {
+  double simulated_s = 0, cpu_s = 0, wall_s = 0, settle_mm = 0, rest_mm = 0, hover_mm = 0;
+  int hovering = 0, left = 0, locked = 0, unsteady = 0;
+};
+using Piles = std::map<std::tuple<int, std::string, int>, Pile>;  // by count, part and seed
+
+Pile measured(const std::string& name, int count, int seed) {
   std::vector<Body> bodies;
   for (const std::string& part : name == "mix" ? part_names() : std::vector<std::string>{name}) {
     bodies.push_back(body_of(part));
@@ -47,28 +57,55 @@ void run(const std::string& name, int count, int seeds) {
   for (int i = 0; i < count; ++i) kinds.push_back(i % static_cast<int>(bodies.size()));
   BinBox bin;
   if (count > 18) bin.inner_size_mm *= std::cbrt(count / 18.0);
-  std::vector<double> simulated, cpu, wall;
-  double settle_mm = 0, rest_mm = 0, hover_mm = 0;
-  int left = 0, locked = 0, hovering = 0, unsteady = 0;
-  for (int seed = 0; seed < seeds; ++seed) {
-    Stacking stacking(bodies, bin, {}, RandomStream(static_cast<std::uint64_t>(seed)));
-    const SettleReport report = stacking.drop(kinds, Layout{});
-    const PileQuality quality = pile_quality(stacking);
-    simulated.push_back(report.simulated_s);
-    cpu.push_back(report.cpu_s);
-    wall.push_back(report.wall_s);
-    settle_mm = std::max(settle_mm, report.most_penetration_mm);
-    rest_mm = std::max(rest_mm, quality.most_penetration_mm);
-    hover_mm = std::max(hover_mm, quality.most_hover_mm);
-    hovering += quality.hovering;
-    locked += quality.interlocked;
-    left += report.left_bin;
-    unsteady += !report.steady;
+  Stacking stacking(bodies, bin, {}, RandomStream(static_cast<std::uint64_t>(seed)));
+  const SettleReport report = stacking.drop(kinds, Layout{});
+  const PileQuality quality = pile_quality(stacking);
+  return {report.simulated_s,          report.cpu_s,          report.wall_s,    report.most_penetration_mm,
+          quality.most_penetration_mm, quality.most_hover_mm, quality.hovering, report.left_bin,
+          quality.interlocked,         report.steady ? 0 : 1};
+}
+
+Piles read_piles(const std::string& path) {
+  Piles piles;
+  std::ifstream in(path);
+  int count = 0, seed = 0;
+  std::string name;
+  Pile p;
+  while (in >> count >> name >> seed >> p.simulated_s >> p.cpu_s >> p.wall_s >> p.settle_mm >> p.rest_mm >>
+         p.hover_mm >> p.hovering >> p.left >> p.locked >> p.unsteady) {
+    piles[{count, name, seed}] = p;
   }
-  std::printf("| %s | %d | %d | %.2f / %.2f | %.2f / %.2f / %.2f | %.2f | %.3f | %.3f | %.3f | %d | %d | %d | %d |\n",
-              name.c_str(), count, seeds, mean(simulated), quantile(simulated, 0.95), mean(cpu), quantile(cpu, 0.95),
-              quantile(cpu, 1), mean(wall), settle_mm, rest_mm, hover_mm, hovering, left, locked, unsteady);
-  std::fflush(stdout);
+  return piles;
+}
+
+void print_table(const Piles& piles) {
+  std::puts(
+      "| part | n | seeds | simulated s: mean / 95 % | CPU s: mean / 95 % / max | wall s | settle mm | rest mm "
+      "| hover mm | hovering | left | locked | unsteady |");
+  std::puts("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+  for (auto it = piles.begin(); it != piles.end();) {
+    const auto [count, name, first] = it->first;
+    std::vector<double> simulated, cpu, wall;
+    Pile sum;
+    for (; it != piles.end() && std::get<0>(it->first) == count && std::get<1>(it->first) == name; ++it) {
+      const Pile& p = it->second;
+      simulated.push_back(p.simulated_s);
+      cpu.push_back(p.cpu_s);
+      wall.push_back(p.wall_s);
+      sum.settle_mm = std::max(sum.settle_mm, p.settle_mm);
+      sum.rest_mm = std::max(sum.rest_mm, p.rest_mm);
+      sum.hover_mm = std::max(sum.hover_mm, p.hover_mm);
+      sum.hovering += p.hovering;
+      sum.left += p.left;
+      sum.locked += p.locked;
+      sum.unsteady += p.unsteady;
+    }
+    std::printf(
+        "| %s | %d | %zu | %.2f / %.2f | %.2f / %.2f / %.2f | %.2f | %.3f | %.3f | %.3f | %d | %d | %d | %d |\n",
+        name.c_str(), count, cpu.size(), mean(simulated), quantile(simulated, 0.95), mean(cpu), quantile(cpu, 0.95),
+        quantile(cpu, 1), mean(wall), sum.settle_mm, sum.rest_mm, sum.hover_mm, sum.hovering, sum.left, sum.locked,
+        sum.unsteady);
+  }
 }
 }  // namespace
 
@@ -78,17 +115,28 @@ int main(int argc, char** argv) {
   parts.push_back("mix");
   std::vector<int> counts{9, 18, 50};
   int seeds = 100;
+  std::string results;
   app.add_option("--parts", parts, "kinds of part, or mix")->delimiter(',')->check(CLI::IsMember(parts));
   app.add_option("--counts", counts, "parts a pile")->delimiter(',')->check(CLI::Range(1, 1000));
-  app.add_option("--seeds", seeds, "piles of each")->check(CLI::Range(1, 100000));
+  app.add_option("--seeds", seeds, "piles of each; 0: only print what FILE holds")->check(CLI::Range(0, 100000));
+  app.add_option("--results", results, "a file to which every pile is added, and whose piles are not measured again");
   CLI11_PARSE(app, argc, argv);
-  std::puts(
-      "| part | n | seeds | simulated s: mean / 95 % | CPU s: mean / 95 % / max | wall s | settle mm | rest mm | hover "
-      "mm "
-      "| hovering | left | locked | unsteady |");
-  std::puts("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
-  for (int count : counts) {
-    for (const std::string& part : parts) run(part, count, seeds);
+  // Seeds outside, so that a measurement that is stopped has as many of each part.
+  Piles piles = read_piles(results);
+  for (int seed = 0; seed < seeds; ++seed) {
+    for (int count : counts) {
+      for (const std::string& part : parts) {
+        if (piles.count({count, part, seed}) != 0) continue;
+        const Pile p = measured(part, count, seed);
+        piles[{count, part, seed}] = p;
+        if (results.empty()) continue;
+        std::ofstream(results, std::ios::app)
+            << count << ' ' << part << ' ' << seed << ' ' << p.simulated_s << ' ' << p.cpu_s << ' ' << p.wall_s << ' '
+            << p.settle_mm << ' ' << p.rest_mm << ' ' << p.hover_mm << ' ' << p.hovering << ' ' << p.left << ' '
+            << p.locked << ' ' << p.unsteady << '\n';
+      }
+    }
   }
+  print_table(piles);
   return 0;
 }

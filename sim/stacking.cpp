@@ -6,6 +6,7 @@
 #include <ctime>
 #include <numbers>
 
+#include <BulletCollision/CollisionShapes/btMultiSphereShape.h>
 #include <LinearMath/btConvexHullComputer.h>
 #include <btBulletDynamicsCommon.h>
 #include <fmt/format.h>
@@ -27,6 +28,8 @@ constexpr double drift_mm_s = 150, spin_rad_s = 6;
 constexpr double jolt_s = 0.3, jolt_hz = 6, turn_rad_s = 9;
 // Slower impacts do not bounce, or a pile would hum on for ever.
 constexpr double bounce_threshold_mm_s = 50;
+// Velocities are looked at over this time.
+constexpr double look_interval_s = 0.01;
 // How often parts that left are looked for.
 constexpr double escape_interval_s = 1.0 / 30;
 
@@ -55,7 +58,11 @@ double thread_cpu_s() {
 
 std::unique_ptr<btCollisionShape> piece_shape(const ConvexPiece& piece, const Pose& X_MO) {
   if (piece.points.size() == 1) {
-    return std::make_unique<btSphereShape>(btScalar(piece.radius_mm));
+    // Not btSphereShape: Bullet's own pair of spheres has no contact ahead of touch, so that a ball at rest falls for a
+    // step now and then and a pile of them never counts as still.
+    const btVector3 centre(0, 0, 0);
+    const auto radius = btScalar(piece.radius_mm);
+    return std::make_unique<btMultiSphereShape>(&centre, &radius, 1);
   }
   std::vector<Vector3> points;
   for (const Vector3& p : piece.points) points.push_back(X_MO * p);
@@ -366,11 +373,18 @@ struct Stacking::Impl {
     lean();
   }
 
-  bool slow() const {
-    return std::all_of(moving.begin(), moving.end(), [&](const auto& body) {
-      return body->getLinearVelocity().length() < settings.steady.linear_mm_s &&
-             body->getAngularVelocity().length() < settings.steady.angular_rad_s;
-    });
+  // Whether every part has moved more slowly than the thresholds since it was at `before`. Bullet's own velocity at one
+  // instant holds what a part gained in a single step of free fall (10 mm/s) where a contact was just missing.
+  bool slow_since(const std::vector<btTransform>& before, double seconds) const {
+    for (std::size_t i = 0; i < moving.size(); ++i) {
+      const btTransform& now = moving[i]->getWorldTransform();
+      const double way_mm = (now.getOrigin() - before[i].getOrigin()).length();
+      const double turn_rad = now.getRotation().angleShortestPath(before[i].getRotation());
+      if (way_mm >= settings.steady.linear_mm_s * seconds || turn_rad >= settings.steady.angular_rad_s * seconds) {
+        return false;
+      }
+    }
+    return true;
   }
 
   // Runs `before_step(t)` and a step until `seconds` have passed.
@@ -387,11 +401,18 @@ struct Stacking::Impl {
 
   void run_until_steady() {
     const SteadyRule& rule = settings.steady;
+    const double look_s = std::min(look_interval_s, rule.interval_s / 2);
     int calm = 0;
     const double begin_s = report.simulated_s;
     while (calm < rule.checks && report.simulated_s - begin_s < rule.time_limit_s - settings.step_s / 2) {
-      run_for(rule.interval_s, [](double) {});
-      calm = slow() ? calm + 1 : 0;
+      run_for(rule.interval_s - look_s, [](double) {});
+      std::vector<btTransform> before;
+      for (const auto& body : moving) before.push_back(body->getWorldTransform());
+      const double from_s = report.simulated_s;
+      run_for(look_s, [](double) {});
+      // A part that left in between is movement, too.
+      const bool slow = before.size() == moving.size() && slow_since(before, report.simulated_s - from_s);
+      calm = slow ? calm + 1 : 0;
     }
     report.steady = calm >= rule.checks;
   }
