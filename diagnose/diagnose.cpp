@@ -133,12 +133,6 @@ void fill_parameters(CandidateReport& report, const SensorModel& model, const Fi
     if (parameter.id == report.id) report.parameters.emplace_back(parameter, instance->values.at(parameter.name));
 }
 
-std::vector<const Standard*> standards_of(const std::vector<Rung>& rungs) {
-  std::vector<const Standard*> standards;
-  for (const Rung& rung : rungs) standards.push_back(&rung.standard);
-  return standards;
-}
-
 }  // namespace
 
 Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& reader, const SensorModel& model,
@@ -190,7 +184,7 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
         left_signatures.push_back(signature);
         left_signatures.back().hypothesis = index[signature.hypothesis];
       }
-    const SearchResult found = search(experiment, rung, data, left, left_signatures, search_options);
+    const SearchResult found = search(experiment, rung, left, left_signatures, search_options);
     if (step == 0)
       for (std::size_t h = 0; h < left.tested.size(); ++h)
         diagnosis.ranking.push_back(
@@ -220,14 +214,15 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
     const SensorModel start = best->model;
     const auto offsets = rung.offsets;
     rungs.push_back(fit_rung(experiment, motions, data, start, offsets, again));
-    // The gain was computed with the scale of the rung before; the ladder judges by the last one's. An addition that does
-    // not lower the held-out score there is no improvement, whatever its gain said.
-    const auto judged = scores(layout, rungs.back(), data, standards_of(rungs));
+    // The gain was computed with the scale of the rung before; the ladder judges by the last one's. An addition that
+    // does not lower the held-out score there is no improvement, whatever its gain said.
+    const auto judged = scores(layout, rungs.back(), data, rungs);
     const double before = judged[judged.size() - 2].heldout, after = judged.back().heldout;
     if (after >= before) {
-      diagnosis.warnings.push_back(fmt::format(
-          "{} was tried next and taken out again: with it the error on captures held out did not fall ({:.3g} to {:.3g})",
-          best->effect, before, after));
+      diagnosis.warnings.push_back(
+          fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "
+                      "({:.3g} to {:.3g})",
+                      best->effect, before, after));
       rungs.pop_back();
       diagnosis.candidates.pop_back();
       evidence.accepted.pop_back();
@@ -237,7 +232,7 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
   }
 
   const Rung& last = rungs.back();
-  const auto ladder = scores(layout, last, data, standards_of(rungs));
+  const auto ladder = scores(layout, last, data, rungs);
   for (std::size_t k = 0; k < rungs.size(); ++k)
     diagnosis.ladder.push_back({static_cast<int>(k), added[k], rungs[k].model, ladder[k]});
   std::set<std::string> unexplained;

@@ -114,17 +114,14 @@ MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector
   result.mean.assign(y[0].size(), 0.f);
   for (const auto& one : y)
     for (std::size_t i = 0; i < one.size(); ++i) result.mean[i] += one[i] / k;
+  result.noise.assign(y[0].size(), 0.f);
   if (k > 1)
     for (const auto& one : y)
       for (std::size_t i = 0; i < one.size(); ++i) {
-        const double d = one[i] - result.mean[i];
-        result.noise += d * d / (k * (k - 1.0));
+        const float d = one[i] - result.mean[i];
+        result.noise[i] += d * d / (k * (k - 1.f));
       }
   return result;
-}
-
-double chi_of(const Metric& metric, const Whitened& residual, double noise) {
-  return dot(residual, metric.apply(residual)) - noise;
 }
 
 Fit fit_model(const Experiment& experiment, const Standard& standard, const Metric& metric, const Whitened& data,
@@ -167,10 +164,11 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
     const auto simulations = experiment.simulate(trials);
     state.y = whiten_all(standard, simulations);
     const MeanOfSimulations mean = mean_of(standard, simulations);
-    state.residual = data;
-    for (int i = 0; i < layout.size; ++i) state.residual[i] -= mean.mean[i];
-    compress(state.residual);
-    state.chi = chi_of(metric, state.residual, mean.noise) + prior_part(x);
+    Whitened difference = data;
+    for (int i = 0; i < layout.size; ++i) difference[i] -= mean.mean[i];
+    Explained explained = metric.explain(difference, options.place, {}, &mean.noise);
+    state.residual = std::move(explained.rest);
+    state.chi = explained.chi + prior_part(x);
     return state;
   };
 
@@ -208,7 +206,7 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
     Eigen::VectorXd b(n);
     for (int p = 0; p < n; ++p) {
       for (int q = 0; q <= p; ++q) a(p, q) = a(q, p) = dot(fit.jacobian[p], applied[q]);
-      b[p] = dot(applied[p], now.residual);
+      b[p] = dot(fit.jacobian[p], now.residual);  // the nuisances are out of it already
       const double precision = parameters[p].circular ? 0.01 : 1 / std::pow(parameters[p].prior_sigma, 2);
       a(p, p) += precision;
       if (!parameters[p].circular) b[p] -= precision * (fit.value[p] - parameters[p].prior_centre);

@@ -35,6 +35,7 @@ struct FitOptions {
   double converged = 1;  ///< change of chi
   Part part = Part::train;
   std::uint64_t seed = 101;
+  std::vector<double> place;          ///< of the metric's nuisances in simulations at `offsets`, see Metric::explain
   std::vector<std::string> scan_ids;  ///< instances whose whole-number parameters are varied, too
 };
 
@@ -44,21 +45,17 @@ struct Fit {
   Eigen::VectorXd value;           ///< on the scale of the fit
   Eigen::MatrixXd precision;       ///< of value, prior included
   std::vector<Whitened> jacobian;  ///< change of y per unit, shrunk
-  Whitened residual;               ///< compressed difference of the data and the mean of the model's simulations
-  double chi = 0;                  ///< r'Qr without the simulations' own noise, plus the prior's part
+  Whitened residual;               ///< what the model and the nuisances leave of the data, compressed
+  double chi = 0;                  ///< of Metric::explain, without the simulations' own noise, plus the prior's part
   int rounds = 0;
   bool converged = false;
 };
 
-/// Mean of whitened (not compressed) simulations, and how much their own noise adds to r'r.
+/// Mean of whitened (not compressed) simulations, and its variance by element.
 struct MeanOfSimulations {
-  Whitened mean;
-  double noise = 0;
+  Whitened mean, noise;
 };
 MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector>& simulations);
-
-/// r'Qr less the noise of the simulated mean.
-double chi_of(const Metric& metric, const Whitened& residual, double noise);
 
 /// `data` is Standard::linear of the measurement. Simulates again and again until chi changes by less than `converged`.
 Fit fit_model(const Experiment& experiment, const Standard& standard, const Metric& metric, const Whitened& data,

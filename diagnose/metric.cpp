@@ -1,6 +1,7 @@
 #include "diagnose/metric.h"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <map>
 
 namespace binrig {
@@ -41,7 +42,8 @@ Metric::Metric(const Layout& layout, Part part, const std::vector<NuisanceRow>& 
       apply_local(global_applied_.back());
     }
   const int g = static_cast<int>(global_.size());
-  posterior_ = global_precision.size() ? global_precision : Eigen::MatrixXd::Identity(g, g).eval();
+  prior_ = global_precision.size() ? global_precision : Eigen::MatrixXd::Identity(g, g).eval();
+  posterior_ = prior_;
   for (int a = 0; a < g; ++a)
     for (int b = 0; b < g; ++b) posterior_(a, b) += dot(global_[a], global_applied_[b]);
   posterior_ = (0.5 * (posterior_ + posterior_.transpose())).eval();
@@ -74,29 +76,65 @@ Whitened Metric::apply(const Whitened& v) const {
   return result;
 }
 
-std::vector<double> Metric::estimate(const Whitened& y) const {
-  std::vector<double> values(row_count_, 0);
-  Whitened local = y;
-  apply_local(local);
+std::vector<double> Metric::estimate(const Whitened& y) const { return explain(y).values; }
+
+Explained Metric::explain(const Whitened& residual, const std::vector<double>& place,
+                          const Eigen::VectorXd& global_centre, const Whitened* noise) const {
+  constexpr float largest = 200.f;  // beyond: nothing that a small motion does
   const int g = static_cast<int>(global_.size());
-  Whitened rest(size_, 0.f);
-  for (const auto& [begin, end] : spans_) std::copy(y.begin() + begin, y.begin() + end, rest.begin() + begin);
+  const auto at = [&](int row) { return place.empty() ? 0.0 : place[row]; };
+  const auto centre = [&](int k) { return global_centre.size() ? global_centre[k] : 0.0; };
+  Explained result;
+  result.values.assign(row_count_, 0);
+  result.global = Eigen::VectorXd::Zero(g);
+  // As if every nuisance stood at its prior's centre.
+  Whitened& rest = result.rest;
+  rest.assign(size_, 0.f);
+  for (const auto& [begin, end] : spans_)
+    for (int i = begin; i < end; ++i) rest[i] = std::clamp(residual[i], -largest, largest);
+  const auto add = [&](int k, double amount) {
+    if (amount == 0) return;
+    const float a = static_cast<float>(amount);
+    for (const auto& [begin, end] : spans_)
+      for (int i = begin; i < end; ++i) rest[i] += a * global_[k][i];
+  };
+  for (int k = 0; k < g; ++k) add(k, at(global_index_[k]) - centre(k));
+  for (const auto& group : groups_) {
+    Eigen::VectorXf x(group.rows.size());
+    for (std::size_t r = 0; r < group.rows.size(); ++r) x[static_cast<int>(r)] = static_cast<float>(at(group.rows[r]));
+    if (x.isZero()) continue;
+    Eigen::Map<Eigen::VectorXf>(rest.data() + group.begin, group.end - group.begin) += group.change.transpose() * x;
+  }
   if (g > 0) {
     Eigen::VectorXd b(g);
-    for (int k = 0; k < g; ++k) b[k] = dot(global_[k], local);
+    for (int k = 0; k < g; ++k) b[k] = dot(global_applied_[k], rest);
     const Eigen::VectorXd x = inverse_ * b;
     for (int k = 0; k < g; ++k) {
-      values[global_index_[k]] = x[k];
-      const float a = static_cast<float>(x[k]);
-      for (std::size_t i = 0; i < size_; ++i) rest[i] -= a * global_[k][i];
+      add(k, -x[k]);
+      result.global[k] = result.values[global_index_[k]] = x[k] + centre(k);
     }
+    result.chi += x.dot(prior_ * x);
   }
   for (const auto& group : groups_) {
-    Eigen::Map<const Eigen::VectorXf> part(rest.data() + group.begin, group.end - group.begin);
+    Eigen::Map<Eigen::VectorXf> part(rest.data() + group.begin, group.end - group.begin);
     const Eigen::VectorXd x = group.inverse * (group.change * part).cast<double>();
-    for (std::size_t r = 0; r < group.rows.size(); ++r) values[group.rows[r]] = x[static_cast<int>(r)];
+    part -= group.change.transpose() * x.cast<float>();
+    for (std::size_t r = 0; r < group.rows.size(); ++r) result.values[group.rows[r]] = x[static_cast<int>(r)];
+    result.chi += x.squaredNorm();
   }
-  return values;
+  compress(rest);
+  for (const auto& [begin, end] : spans_) {
+    double square = 0;
+    for (int i = begin; i < end; ++i) {
+      square += static_cast<double>(rest[i]) * rest[i];
+      if (noise) {
+        const double slope = compression_slope(rest[i]);
+        square -= slope * slope * (*noise)[i];
+      }
+    }
+    result.chi += square;
+  }
+  return result;
 }
 
 }  // namespace binrig

@@ -17,6 +17,14 @@ struct NuisanceRow {
   int capture = -1;  ///< the one capture that it touches; -1 = all
 };
 
+/// A residual with the nuisances at their most probable values.
+struct Explained {
+  Whitened rest;               ///< what they leave, compressed; zero in captures that do not count
+  double chi = 0;              ///< square of the rest, plus the prior's part
+  std::vector<double> values;  ///< of the nuisances, in the order of the rows, from the prior's centre
+  Eigen::VectorXd global;      ///< those of the global rows
+};
+
 class Metric {
  public:
   Metric() = default;
@@ -30,6 +38,14 @@ class Metric {
   /// Most probable values of the nuisances given y, in the order of the rows given (pose rows of captures that do not
   /// count: 0).
   std::vector<double> estimate(const Whitened& y) const;
+  /// Takes the nuisances out of a residual (Standard::linear, not compressed: a pose that is far off must not be
+  /// mistaken for something else because it was squeezed first). `place`: where the nuisances stand in the residual,
+  /// in prior sigmas from nominal, by row; empty = nominal. The prior is centred on nominal, so that a hypothesis that
+  /// needs no shift of the targets is the better for it; `global_centre`, if given, is where the global rows' prior is
+  /// centred instead (what another part of the data says). `noise`: variance by element that is no misfit (of the mean
+  /// of few simulations); its part is taken off chi.
+  Explained explain(const Whitened& residual, const std::vector<double>& place = {},
+                    const Eigen::VectorXd& global_centre = {}, const Whitened* noise = nullptr) const;
   /// Posterior precision of the global rows: their prior for another part of the data.
   const Eigen::MatrixXd& global_posterior() const { return posterior_; }
   Part part() const { return part_; }
@@ -48,7 +64,7 @@ class Metric {
   std::vector<Group> groups_;
   std::vector<int> global_index_;
   std::vector<Whitened> global_, global_applied_;  // rows, and Q_local of them
-  Eigen::MatrixXd posterior_, inverse_;
+  Eigen::MatrixXd prior_, posterior_, inverse_;
   std::size_t size_ = 0, row_count_ = 0;
 };
 

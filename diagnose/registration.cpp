@@ -127,6 +127,14 @@ std::vector<Offset> offsets_of(const Layout& layout, const std::vector<SceneMoti
   return offsets;
 }
 
+std::vector<double> values_of(const std::vector<SceneMotion>& motions, const std::vector<Offset>& offsets) {
+  std::vector<double> values(motions.size(), 0);
+  if (offsets.empty()) return values;
+  for (std::size_t m = 0; m < motions.size(); ++m)
+    values[m] = get(offsets[std::max(0, motions[m].capture)], motions[m].element) / motions[m].sigma;
+  return values;
+}
+
 StatVector shift_of(const Layout& layout, const std::vector<SceneMotion>& motions, const std::vector<double>& values) {
   StatVector shift(layout.size, 0.f);
   for (std::size_t m = 0; m < motions.size(); ++m)

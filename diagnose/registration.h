@@ -34,6 +34,8 @@ std::vector<NuisanceRow> motion_rows(const Layout& layout, const Standard& stand
 /// clipped to 4 sigmas: what lies beyond is no small motion.
 std::vector<Offset> offsets_of(const Layout& layout, const std::vector<SceneMotion>& motions,
                                const std::vector<double>& values, const std::vector<Offset>& start);
+/// The values, in prior sigmas, at which motions stand in offsets (empty = nominal).
+std::vector<double> values_of(const std::vector<SceneMotion>& motions, const std::vector<Offset>& offsets);
 /// What the bias maps move by for given values; 0 elsewhere.
 StatVector shift_of(const Layout& layout, const std::vector<SceneMotion>& motions, const std::vector<double>& values);
 

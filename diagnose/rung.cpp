@@ -28,7 +28,8 @@ double proper_score(const Layout& layout, const Standard& standard, const StatVe
   const Whitened z = [&] {
     Whitened d(layout.size, 0.f);
     for (int i = 0; i < layout.size; ++i)
-      if (standard.spread()[i] > 0 && !std::isnan(data[i])) d[i] = (data[i] - standard.mean()[i]) / standard.spread()[i];
+      if (standard.spread()[i] > 0 && !std::isnan(data[i]))
+        d[i] = (data[i] - standard.mean()[i]) / standard.spread()[i];
     return d;
   }();
   double sum = 0, count = 0;
@@ -48,7 +49,8 @@ SensorModel best_switches(const Experiment& experiment, const StatVector& data, 
                           const std::vector<Offset>& offsets, std::uint64_t seed) {
   const auto score = [&](const SensorModel& candidate) {
     std::vector<Trial> trials;
-    for (int k = 0; k < 8; ++k) trials.push_back({candidate, offsets, seed + static_cast<std::uint64_t>(k), Part::train, 0, true});
+    for (int k = 0; k < 8; ++k)
+      trials.push_back({candidate, offsets, seed + static_cast<std::uint64_t>(k), Part::train, 0, true});
     return proper_score(experiment.layout(), Standard(experiment.layout(), experiment.simulate(trials)), data);
   };
   std::optional<double> now;
@@ -74,9 +76,12 @@ SensorModel best_switches(const Experiment& experiment, const StatVector& data, 
 /// Moves the targets to where the bias maps want them; true if any moved by more than a fifth of its prior sigma.
 bool register_targets(const Layout& layout, const std::vector<SceneMotion>& motions,
                       const std::vector<NuisanceRow>& rows, const Whitened& data, std::vector<Offset>& offsets) {
-  const auto values = Metric(layout, Part::all, rows).estimate(data);
-  offsets = offsets_of(layout, motions, values, offsets);
-  return std::any_of(values.begin(), values.end(), [](double v) { return std::abs(v) > 0.2; });
+  const auto before = values_of(motions, offsets);
+  offsets = offsets_of(layout, motions, Metric(layout, Part::all, rows).explain(data, before).values, {});
+  const auto after = values_of(motions, offsets);
+  for (std::size_t m = 0; m < before.size(); ++m)
+    if (std::abs(after[m] - before[m]) > 0.2) return true;
+  return false;
 }
 
 }  // namespace
@@ -102,7 +107,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     rung.standard =
         Standard(layout, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
     const auto rows = motion_rows(layout, rung.standard, motions);
-    if (register_targets(layout, motions, rows, rung.standard.standardise(data), rung.offsets))
+    if (register_targets(layout, motions, rows, rung.standard.linear(data), rung.offsets))
       rung.standard =
           Standard(layout, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
     FitOptions fit;
@@ -112,14 +117,14 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.iterations = options.iterations;
     fit.converged = 5;
     fit.seed = options.seed + 500;
+    fit.place = values_of(motions, rung.offsets);
     if (pass + 1 == options.passes) fit.scan_ids = ids;
     rung.fit = fit_model(experiment, rung.standard, Metric(layout, Part::train, rows), rung.standard.linear(data),
                          rung.model, parameters, rung.offsets, fit);
     rung.model = rung.fit.model;
   }
 
-  if (options.try_switches)
-    rung.model = best_switches(experiment, data, rung.model, rung.offsets, options.seed + 9500);
+  if (options.try_switches) rung.model = best_switches(experiment, data, rung.model, rung.offsets, options.seed + 9500);
 
   // The model's own randomness, with everything that may differ from recording to recording.
   std::vector<std::vector<double>> draws(options.pose_draws, std::vector<double>(motions.size()));
@@ -141,7 +146,8 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   rung.standard = Standard(layout, rung.simulations, shifts);
   shifts.clear();
   auto rows = motion_rows(layout, rung.standard, motions);
-  rung.data = rung.standard.standardise(data);
+  rung.data = rung.standard.linear(data);
+  rung.place = values_of(motions, rung.offsets);
 
   FitOptions derivatives;
   derivatives.seeds = 2;
@@ -150,6 +156,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   derivatives.shorten_series = !series;
   derivatives.seed = options.seed + 500;
   derivatives.part = Part::all;
+  derivatives.place = rung.place;
   const int rounds = rung.fit.rounds;
   const bool converged = rung.fit.converged;
   rung.fit = fit_model(experiment, rung.standard, Metric(layout, Part::train, rows), rung.standard.linear(data),
@@ -163,15 +170,24 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     for (float& v : row.change) v *= static_cast<float>(rung.fit.parameters[p].prior_sigma);
     rows.push_back(std::move(row));
   }
+  rung.place.resize(rows.size(), 0);
   rung.train = Metric(layout, Part::train, rows);
   rung.test = Metric(layout, Part::test, rows, rung.train.global_posterior());
   rung.nulls.resize(rung.simulations.size());
   parallel_for(static_cast<int>(rung.simulations.size()),
-               [&](int k) { rung.nulls[k] = rung.standard.standardise(rung.simulations[k]); });
+               [&](int k) { rung.nulls[k] = rung.standard.linear(rung.simulations[k]); });
   double null_square = 0;
-  for (const auto& null : rung.nulls) null_square += dot(null, rung.train.apply(null)) / rung.nulls.size();
-  if (null_square > 0) rung.dispersion = std::max(1.0, dot(rung.data, rung.train.apply(rung.data)) / null_square);
+  for (const auto& null : rung.nulls) null_square += rung.train.explain(null).chi / rung.nulls.size();
+  if (null_square > 0) rung.dispersion = std::max(1.0, rung.train.explain(rung.data, rung.place).chi / null_square);
+  rung.rest = rest_of(rung, rung.data, rung.place);
   return rung;
+}
+
+Whitened rest_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place) {
+  Explained train = rung.train.explain(difference, place);
+  const Explained test = rung.test.explain(difference, place, train.global);
+  for (std::size_t i = 0; i < train.rest.size(); ++i) train.rest[i] += test.rest[i];  // one of them is 0
+  return train.rest;
 }
 
 }  // namespace binrig

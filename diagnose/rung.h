@@ -14,9 +14,11 @@ struct Rung {
   std::vector<Offset> offsets;          ///< where the targets stand, given this model
   Standard standard;                    ///< from simulations of this model with random poses
   std::vector<StatVector> simulations;  ///< those simulations
-  std::vector<Whitened> nulls;          ///< the same, whitened: recordings in which nothing is missing
+  std::vector<Whitened> nulls;          ///< the same, whitened, not compressed: recordings in which nothing is missing
   Metric train, test;                   ///< poses, intrinsics and the model's own parameters marginalised
-  Whitened data;                        ///< y of the measurement, compressed
+  std::vector<double> place;            ///< of the nuisances at `offsets`, see Metric::explain
+  Whitened data;                        ///< y of the measurement, not compressed
+  Whitened rest;                        ///< what the nuisances leave of it, compressed, train and test
   double dispersion = 1;                ///< mean square of the residual on train over that of the nulls, at least 1
 };
 
@@ -27,6 +29,10 @@ struct RungOptions {
   bool try_switches = true;  ///< the other choices of the model's own options
   std::uint64_t seed = 1;
 };
+
+/// What a rung's nuisances leave of a difference between data and simulations made with nuisances at `place`, train and
+/// test, compressed. Global nuisances are found on train and carried over.
+Whitened rest_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place);
 
 /// Fits poses and parameters from a start and learns the model's randomness.
 Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const StatVector& data,

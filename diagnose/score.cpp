@@ -21,11 +21,11 @@ std::vector<double> mean_squares(const Layout& layout, const Standard& standard,
 }  // namespace
 
 std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
-                          const std::vector<const Standard*>& models) {
+                          const std::vector<Rung>& rungs) {
   std::vector<double> floor(segments().size(), 0);
   std::vector<std::vector<double>> nulls;
   for (const auto& null : last.nulls) {
-    nulls.push_back(mean_squares(layout, last.standard, last.test.apply(null), false));
+    nulls.push_back(mean_squares(layout, last.standard, last.test.explain(null).rest, false));
     for (std::size_t s = 0; s < floor.size(); ++s) floor[s] += nulls.back()[s] / last.nulls.size();
   }
   const auto average = [&](const std::vector<double>& squares) {
@@ -39,12 +39,14 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
   std::sort(own.begin(), own.end());
 
   std::vector<Score> result;
-  for (const Standard* model : models) {
+  for (const Rung& rung : rungs) {
+    const Standard* model = &rung.standard;
     StatVector difference(data.size());
     for (std::size_t i = 0; i < data.size(); ++i) difference[i] = data[i] - model->mean()[i];
-    Whitened y = last.standard.difference(difference);
-    compress(y);
-    const auto squares = mean_squares(layout, last.standard, last.test.apply(y), false);
+    std::vector<double> place = rung.place;  // of the targets, which come first; parameters stand at 0
+    place.resize(last.place.size(), 0);
+    const auto squares =
+        mean_squares(layout, last.standard, rest_of(last, last.standard.difference(difference), place), false);
     Score score;
     score.heldout = average(squares);
     if (!own.empty()) {
@@ -96,10 +98,10 @@ std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung) 
   std::vector<SegmentFit> result;
   for (bool train : {true, false}) {
     const Metric& metric = train ? rung.train : rung.test;
-    const auto measured = mean_squares(layout, rung.standard, metric.apply(rung.data), train);
+    const auto measured = mean_squares(layout, rung.standard, rung.rest, train);
     std::vector<double> sum(measured.size(), 0), square(measured.size(), 0);
     for (const auto& null : rung.nulls) {
-      const auto own = mean_squares(layout, rung.standard, metric.apply(null), train);
+      const auto own = mean_squares(layout, rung.standard, metric.explain(null).rest, train);
       for (std::size_t s = 0; s < own.size(); ++s) sum[s] += own[s], square[s] += own[s] * own[s];
     }
     const double n = static_cast<double>(rung.nulls.size());

@@ -6,9 +6,8 @@
 namespace binrig {
 
 /// Scores of several models on the held-out captures, all in units of `last`'s randomness, its nuisances marginalised.
-/// `means` are the models' simulated statistics, `spreads` their own.
 std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
-                          const std::vector<const Standard*>& models);
+                          const std::vector<Rung>& rungs);
 
 /// A segment on one side of the split against the model's own simulations.
 struct SegmentFit {

@@ -30,7 +30,7 @@ const std::vector<std::string> formula_names{"z", "x", "y", "r2", "theta", "I", 
 
 std::vector<Cell> cells_of(const Experiment& experiment, const Rung& rung, const StatVector& data,
                            const std::string& segment_name) {
-  const Whitened train = rung.train.apply(rung.data), test = rung.test.apply(rung.data);
+  const Whitened& rest = rung.rest;
   std::vector<Cell> cells;
   for (const auto& block : experiment.layout().blocks) {
     if (segments()[block.segment].name != segment_name) continue;
@@ -52,7 +52,7 @@ std::vector<Cell> cells_of(const Experiment& experiment, const Rung& rung, const
       const double disparity = context.focal_baseline / z;
       cells.push_back(
           {block.train,
-           (block.train ? train : test)[k],
+           rest[k],
            data[k] - rung.standard.mean()[k],
            at.x(u),
            at.y(v),

@@ -9,26 +9,27 @@
 namespace binrig {
 namespace {
 
-struct Residuals {
-  Whitened residual;
-  MeanOfSimulations mean;
+/// What a model leaves of the data, by part.
+struct Remainder {
+  Whitened mean;
+  double train = 0, test = 0;  ///< chi
 };
 
-Residuals residual_of(const Experiment& experiment, const Rung& rung, const Whitened& data, const SensorModel& model,
-                      const SearchOptions& options) {
+Remainder remainder_of(const Experiment& experiment, const Rung& rung, const SensorModel& model,
+                       const SearchOptions& options) {
   std::vector<Trial> trials;
   for (int k = 0; k < options.seeds; ++k)
     trials.push_back({model, rung.offsets, options.seed + static_cast<std::uint64_t>(k), Part::all});
-  Residuals result;
-  result.mean = mean_of(rung.standard, experiment.simulate(trials, "refining hypotheses"));
-  result.residual = data;
-  for (std::size_t i = 0; i < data.size(); ++i) result.residual[i] -= result.mean.mean[i];
-  compress(result.residual);
-  return result;
+  MeanOfSimulations simulated = mean_of(rung.standard, experiment.simulate(trials, "refining hypotheses"));
+  Whitened difference = rung.data;
+  for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= simulated.mean[i];
+  const Explained train = rung.train.explain(difference, rung.place, {}, &simulated.noise);
+  const Explained test = rung.test.explain(difference, rung.place, train.global, &simulated.noise);
+  return {std::move(simulated.mean), train.chi, test.chi};
 }
 
-Refined refine(const Experiment& experiment, const Rung& rung, const Whitened& data, const Hypothesis& hypothesis,
-               const LinearGain& start, const SearchOptions& options) {
+Refined refine(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis, const LinearGain& start,
+               const SearchOptions& options) {
   const EffectCatalogue& catalogue = experiment.forward().catalogue();
   SensorModel model = rung.model;
   Refined refined;
@@ -43,8 +44,9 @@ Refined refine(const Experiment& experiment, const Rung& rung, const Whitened& d
   fit.iterations = 5;
   fit.converged = 1;
   fit.seed = options.seed + 40;
+  fit.place = rung.place;
   fit.scan_ids = {refined.id};
-  refined.fit = fit_model(experiment, rung.standard, rung.train, data, model,
+  refined.fit = fit_model(experiment, rung.standard, rung.train, rung.data, model,
                           fit_parameters(model, catalogue, {refined.id}), rung.offsets, fit);
   refined.model = refined.fit.model;
   return refined;
@@ -52,17 +54,16 @@ Refined refine(const Experiment& experiment, const Rung& rung, const Whitened& d
 
 }  // namespace
 
-SearchResult search(const Experiment& experiment, const Rung& rung, const StatVector& data,
-                    const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-                    const SearchOptions& options) {
+SearchResult search(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
+                    const std::vector<Signature>& signatures, const SearchOptions& options) {
   SearchResult result;
   const int count = static_cast<int>(hypotheses.tested.size());
   const Ranking ranking(experiment, rung, hypotheses, signatures);
-  result.linear = ranking.gains(rung.data);
+  result.linear = ranking.gains(rung.rest);
   result.null_gains.resize(count);
   std::vector<double> best_null;
   std::vector<std::vector<LinearGain>> nulls;
-  for (const auto& null : rung.nulls) nulls.push_back(ranking.gains(null));
+  for (const auto& null : rung.nulls) nulls.push_back(ranking.gains(rung.train.explain(null).rest));
   for (int h = 0; h < count; ++h) {
     double mean = 0;
     for (const auto& null : nulls) {
@@ -84,21 +85,19 @@ SearchResult search(const Experiment& experiment, const Rung& rung, const StatVe
   std::vector<int> order(count);
   std::iota(order.begin(), order.end(), 0);
   std::sort(order.begin(), order.end(), [&](int a, int b) { return result.linear[a].gain > result.linear[b].gain; });
-  const Whitened linear_data = rung.standard.linear(data);
-  const Residuals base = residual_of(experiment, rung, linear_data, rung.model, options);
-  const double base_train = chi_of(rung.train, base.residual, base.mean.noise),
-               base_test = chi_of(rung.test, base.residual, base.mean.noise);
+  const Remainder base = remainder_of(experiment, rung, rung.model, options);
   for (int h : order) {
     if (static_cast<int>(result.refined.size()) >= options.refine) break;
     if (result.linear[h].gain / rung.dispersion - result.prices[h] < result.gate) continue;
-    Refined refined = refine(experiment, rung, linear_data, hypotheses.tested[h], result.linear[h], options);
+    Refined refined = refine(experiment, rung, hypotheses.tested[h], result.linear[h], options);
     refined.price = result.prices[h];
     refined.p = result.p_values[h];
-    const Residuals with = residual_of(experiment, rung, linear_data, refined.model, options);
-    refined.train_gain = (base_train - chi_of(rung.train, with.residual, with.mean.noise)) / rung.dispersion;
-    refined.test_gain = (base_test - chi_of(rung.test, with.residual, with.mean.noise)) / rung.dispersion;
-    refined.change = base.residual;
-    for (std::size_t i = 0; i < refined.change.size(); ++i) refined.change[i] -= with.residual[i];
+    const Remainder with = remainder_of(experiment, rung, refined.model, options);
+    refined.train_gain = (base.train - with.train) / rung.dispersion;
+    refined.test_gain = (base.test - with.test) / rung.dispersion;
+    refined.change = with.mean;
+    for (std::size_t i = 0; i < refined.change.size(); ++i) refined.change[i] -= base.mean[i];
+    compress(refined.change);
     result.refined.push_back(std::move(refined));
   }
   std::sort(result.refined.begin(), result.refined.end(),

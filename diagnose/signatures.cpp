@@ -132,12 +132,12 @@ std::vector<Signature> make_signatures(const Experiment& experiment, const Senso
 Ranking::Ranking(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
                  const std::vector<Signature>& signatures)
     : hypotheses_(hypotheses), rows_(signatures.size()) {
-  std::vector<Whitened> whitened(signatures.size());
+  std::vector<Whitened> applied(signatures.size());  // Q g
   parallel_for(static_cast<int>(signatures.size()), [&](int i) {
     const Signature& s = signatures[i];
-    whitened[i] = rung.standard.difference(s.change);
-    compress(whitened[i]);
-    rows_[i] = {s.hypothesis, s.path, s.atom, rung.train.apply(whitened[i])};
+    rows_[i] = {s.hypothesis, s.path, s.atom, rung.standard.difference(s.change)};
+    compress(rows_[i].change);
+    applied[i] = rung.train.apply(rows_[i].change);
   });
   for (int i = 0; i < static_cast<int>(rows_.size()); ++i) {
     if (paths_.empty() || paths_.back().hypothesis != rows_[i].hypothesis || paths_.back().path != rows_[i].path)
@@ -151,7 +151,7 @@ Ranking::Ranking(const Experiment& experiment, const Rung& rung, const Hypothese
     path.gram.resize(n, n);
     for (int a = 0; a < n; ++a)
       for (int b = 0; b <= a; ++b)
-        path.gram(a, b) = path.gram(b, a) = dot(rows_[path.rows[a]].applied, whitened[path.rows[b]]);
+        path.gram(a, b) = path.gram(b, a) = dot(applied[path.rows[a]], rows_[path.rows[b]].change);
     const int of = hypotheses.tested[path.hypothesis].paths[path.path].quadrature_of;
     if (of < 0) continue;
     const auto& other = *std::find_if(paths_.begin(), paths_.end(), [&](const PathData& p) {
@@ -160,11 +160,11 @@ Ranking::Ranking(const Experiment& experiment, const Rung& rung, const Hypothese
     cross_[k].resize(other.rows.size(), n);
     for (std::size_t a = 0; a < other.rows.size(); ++a)
       for (int b = 0; b < n; ++b)
-        cross_[k](static_cast<int>(a), b) = dot(rows_[other.rows[a]].applied, whitened[path.rows[b]]);
+        cross_[k](static_cast<int>(a), b) = dot(applied[other.rows[a]], rows_[path.rows[b]].change);
   }
 }
 
-std::vector<LinearGain> Ranking::gains(const Whitened& residual) const {
+std::vector<LinearGain> Ranking::gains(const Whitened& rest) const {
   std::vector<LinearGain> result(hypotheses_.tested.size());
   for (std::size_t h = 0; h < result.size(); ++h) {
     result[h].hypothesis = static_cast<int>(h);
@@ -172,7 +172,7 @@ std::vector<LinearGain> Ranking::gains(const Whitened& residual) const {
       result[h].values = hypotheses_.tested[h].paths[0].atoms[0].values;
   }
   std::vector<double> projection(rows_.size());
-  parallel_for(static_cast<int>(rows_.size()), [&](int i) { projection[i] = dot(rows_[i].applied, residual); });
+  parallel_for(static_cast<int>(rows_.size()), [&](int i) { projection[i] = dot(rows_[i].change, rest); });
   for (std::size_t k = 0; k < paths_.size(); ++k) {
     const auto& path = paths_[k];
     const Hypothesis& hypothesis = hypotheses_.tested[path.hypothesis];

@@ -37,13 +37,13 @@ class Ranking {
  public:
   Ranking(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
           const std::vector<Signature>& signatures);
-  /// One entry a hypothesis, in their order.
-  std::vector<LinearGain> gains(const Whitened& residual) const;
+  /// One entry a hypothesis, in their order. `rest`: of Metric::explain on train.
+  std::vector<LinearGain> gains(const Whitened& rest) const;
 
  private:
   struct Row {
     int hypothesis, path, atom;
-    Whitened applied;  // Q g
+    Whitened change;
   };
   struct PathData {
     int hypothesis, path;
