@@ -247,7 +247,9 @@ World read_sdf_world(const std::string& path) {
   Violations violations;
   for (const sdf::Error& error : root.Load(path, config)) {
     const auto line = error.LineNumber();
-    violations.add(line ? path + ":" + std::to_string(*line) : path, "", error.Message());
+    std::string text = error.Message();
+    text.erase(text.find_last_not_of(" \n") + 1);
+    violations.add(line ? path + ":" + std::to_string(*line) : path, "", text);
   }
   World world;
   world.file = path;

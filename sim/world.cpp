@@ -214,6 +214,7 @@ WorldPart read_part(YamlMap& map, const std::string& folder) {
   read_symmetries(map, part.model.symmetries);
   part.model.name = map.text("name", part.model.name);
   part.count = map.integer("count", 0, 0, most_parts);
+  if (map.has("count") && part.count == 0) map.violation("count", "drops 0 parts: leave it out, or say how many");
   part.X_WO = read_poses(map, "pose", "poses");
   // What is no material is said together with the mass that it makes (check_physics).
   part.density_kg_m3 = map.number("density", 1e-12, 1e18, "kg/m^3");

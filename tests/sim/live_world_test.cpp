@@ -207,6 +207,7 @@ TEST(WorldPhysics, EveryReasonWhyPartsCannotFallAtOnce) {
   - {part: box, density: 133333333}
   - {part: bracket, mass: 4000}
   - {part: cylinder, name: rod}
+  - {part: sphere, count: 0}
 bins:
   - {fill: {box: 1, bracket: 1, rods: 2}}
   - {name: tiny, inner_size: [45, 20, 40], fill: {rod: 1}}
@@ -216,7 +217,7 @@ bins:
   EXPECT_THAT(text, AllOf(HasSubstr("mass = 4000 kg"), HasSubstr("no material's")));
   EXPECT_THAT(text, AllOf(HasSubstr("rods"), HasSubstr("rod")));  // unknown part, with the nearest
   EXPECT_THAT(text, AllOf(HasSubstr("bin tiny"), HasSubstr("is smaller than the part rod")));
-  EXPECT_THAT(text, HasSubstr("drops 0 parts"));
+  EXPECT_THAT(text, AllOf(HasSubstr("fill drops 0 parts"), HasSubstr("count drops 0 parts")));
 }
 
 TEST(WorldPhysics, AMeshWithAHoleIsNamedAndItsHullOffered) {
