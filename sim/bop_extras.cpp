@@ -29,12 +29,32 @@ void make_folder(const std::string& path) {
   if (code) throw Error("cannot make the folder " + path + ": " + code.message());
 }
 
+// Corner normals weighted by angle, as in BOP's models.
+std::vector<Eigen::Vector3f> vertex_normals(const Mesh& mesh) {
+  std::vector<Eigen::Vector3f> normals(mesh.vertices.size(), Eigen::Vector3f::Zero());
+  for (const auto& t : mesh.triangles) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Eigen::Vector3f &corner = mesh.vertices[t[k]], to_next = mesh.vertices[t[(k + 1) % 3]] - corner,
+                            to_last = mesh.vertices[t[(k + 2) % 3]] - corner;
+      const Eigen::Vector3f across = to_next.cross(to_last);
+      normals[t[k]] += across.normalized() * std::atan2(across.norm(), to_next.dot(to_last));
+    }
+  }
+  for (auto& n : normals) n = n.norm() > 0 ? Eigen::Vector3f(n.normalized()) : Eigen::Vector3f(0, 0, 1);
+  return normals;
+}
+
 std::string ply_of(const Mesh& mesh) {
   std::string bytes = fmt::format(
       "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n"
+      "property float nx\nproperty float ny\nproperty float nz\n"
       "element face {}\nproperty list uchar int vertex_indices\nend_header\n",
       mesh.vertices.size(), mesh.triangles.size());
-  for (const auto& v : mesh.vertices) bytes.append(reinterpret_cast<const char*>(v.data()), 12);
+  const auto normals = vertex_normals(mesh);
+  for (std::size_t i = 0; i < normals.size(); ++i) {
+    bytes.append(reinterpret_cast<const char*>(mesh.vertices[i].data()), 12);
+    bytes.append(reinterpret_cast<const char*>(normals[i].data()), 12);
+  }
   for (const auto& t : mesh.triangles) {
     bytes.push_back(3);
     bytes.append(reinterpret_cast<const char*>(t.data()), 12);
@@ -84,21 +104,38 @@ json model_entry(const WorldPart& part) {
   return entry;
 }
 
-json box_entry(const cv::Rect& box, int pixels) {
-  if (pixels == 0) return {-1, -1, -1, -1};
-  return {box.x, box.y, box.width, box.height};
+// BOP's width and height are the last pixel minus the first one; -1 for an object that is not seen at all.
+json box_entry(const cv::Rect& box, const Visibility2d& v) {
+  if (v.pixels_visible == 0) return {-1, -1, -1, -1};
+  return {box.x, box.y, box.width - 1, box.height - 1};
+}
+
+// The silhouette beyond the image's border, too, as BOP counts it: in an image of three times the size.
+void count_beyond_border(const Renderer& renderer, const RenderScene& alone, RenderRequest request,
+                         Visibility2d& info) {
+  Camera& camera = request.camera;
+  const int width = camera.width, height = camera.height;
+  camera.cx += width;
+  camera.cy += height;
+  camera.width *= 3;
+  camera.height *= 3;
+  const cv::Mat whole = renderer.render(alone, request)->instance > 0;
+  info.pixels_all = cv::countNonZero(whole);
+  info.box_all = cv::boundingRect(whole) - cv::Point(width, height);
 }
 }  // namespace
 
 void write_bop_models(const World& world, const std::string& set_folder) {
-  const std::string folder = set_folder + "/models";
-  make_folder(folder);
   json info = json::object();
-  for (std::size_t i = 0; i < world.parts.size(); ++i) {
-    write_file_atomically(fmt::format("{}/obj_{:06}.ply", folder, i + 1), ply_of(*world.parts[i].model.mesh));
-    info[std::to_string(i + 1)] = model_entry(world.parts[i]);
+  for (std::size_t i = 0; i < world.parts.size(); ++i) info[std::to_string(i + 1)] = model_entry(world.parts[i]);
+  // BOP's evaluation reads models_eval, everything else models.
+  for (const std::string& folder : {set_folder + "/models", set_folder + "/models_eval"}) {
+    make_folder(folder);
+    for (std::size_t i = 0; i < world.parts.size(); ++i) {
+      write_file_atomically(fmt::format("{}/obj_{:06}.ply", folder, i + 1), ply_of(*world.parts[i].model.mesh));
+    }
+    write_file_atomically(folder + "/models_info.json", info.dump(1) + "\n");
   }
-  write_file_atomically(folder + "/models_info.json", info.dump(1) + "\n");
 }
 
 ObjectMasks object_masks(const Renderer& renderer, const RenderScene& scene, const RenderRequest& request,
@@ -118,6 +155,11 @@ ObjectMasks object_masks(const Renderer& renderer, const RenderScene& scene, con
     info.pixels_visible = cv::countNonZero(visible);
     if (info.pixels_all > 0) info.box_all = cv::boundingRect(whole);
     if (info.pixels_visible > 0) info.box_visible = cv::boundingRect(visible);
+    const cv::Rect inner(1, 1, whole.cols - 2, whole.rows - 2);
+    // Where the lens bends rays, the camera says nothing of what lies beyond its border.
+    if (info.pixels_all > 0 && (info.box_all & inner) != info.box_all && !request.camera.distorted()) {
+      count_beyond_border(renderer, alone, alone_request, info);
+    }
     out.whole.push_back(whole);
     out.info.push_back(info);
   }
@@ -136,8 +178,8 @@ void BopExtras::add(int frame_id, const ObjectMasks& masks, const std::vector<in
   std::map<int, int> counts;
   for (std::size_t i = 0; i < masks.info.size(); ++i) {
     const Visibility2d& v = masks.info[i];
-    entries.push_back({{"bbox_obj", box_entry(v.box_all, v.pixels_all)},
-                       {"bbox_visib", box_entry(v.box_visible, v.pixels_visible)},
+    entries.push_back({{"bbox_obj", box_entry(v.box_all, v)},
+                       {"bbox_visib", box_entry(v.box_visible, v)},
                        {"px_count_all", v.pixels_all},
                        {"px_count_valid", v.pixels_valid},
                        {"px_count_visib", v.pixels_visible},

@@ -15,8 +15,8 @@ namespace binrig {
 /// from 1. Throws Error if a file cannot be written.
 void write_bop_models(const World& world, const std::string& set_folder);
 
-/// One object of one frame, as scene_gt_info.json has it. Boxes are x, y, width, height (px); -1 where nothing is seen.
-/// Only what lies inside the image counts.
+/// One object of one frame, as scene_gt_info.json has it. `all`: the silhouette with what lies beyond the border of the
+/// image (of a camera with lens distortion: without); `valid` and `visible`: inside the image.
 struct Visibility2d {
   cv::Rect box_all, box_visible;
   int pixels_all = 0, pixels_valid = 0, pixels_visible = 0;
