@@ -329,37 +329,44 @@ NoiseSynthesis::NoiseSynthesis(const NoiseSpectrum& spectrum, bool rayleigh)
     for (int col = 0; col < fft_.half_cols(); ++col)
       magnitude_[static_cast<std::size_t>(row) * fft_.half_cols() + col] =
           static_cast<float>(std::sqrt(spectrum.psd().at<double>(row, col) / pixels));
-  magnitude_[0] = 0;
+  if (!rayleigh) magnitude_[0] = 0;  // one magnitude with either sign would only move every frame by the same step
 }
 
 void NoiseSynthesis::synthesise(const RandomStream& stream, cv::Mat& noise_mm) const {
   const int rows = fft_.rows(), cols = fft_.cols(), half = fft_.half_cols();
   std::vector<std::complex<float>> spectrum(magnitude_.size());
-  if (rayleigh_) {
-    cv::Mat draws(rows, 2 * half, CV_32F);
-    stream.fill_normal(draws);
-    const float* draw = draws.ptr<float>();
-    const float scale = std::numbers::sqrt2_v<float> / 2;
-    for (std::size_t k = 0; k < spectrum.size(); ++k)
-      spectrum[k] = magnitude_[k] * scale * std::complex<float>(draw[2 * k], draw[2 * k + 1]);
-  } else {
-    // 4096 phases are as good as a continuum here: the inverse DFT adds hundreds of thousands of them.
-    constexpr int phases = 4096;
-    static const std::vector<std::complex<float>> circle = [] {
-      std::vector<std::complex<float>> table(phases);
-      for (int k = 0; k < phases; ++k)
-        table[k] = std::complex<float>(std::polar(1.0, 2 * std::numbers::pi * (k + 0.5) / phases));
-      return table;
-    }();
-    cv::Mat draws(rows, half, CV_32F);
-    stream.fill_uniform(draws);
-    const float* draw = draws.ptr<float>();
-    parallel_for(rows, [&](int row) {
-      const std::size_t begin = static_cast<std::size_t>(row) * half;
-      for (std::size_t k = begin; k < begin + half; ++k)
-        spectrum[k] = magnitude_[k] * circle[std::min(static_cast<int>(draw[k] * phases), phases - 1)];
-    });
-  }
+  // A draw of 24 bits: 12 for the phase, 12 for the magnitude. 4096 of each are as good as a continuum here: the inverse
+  // DFT adds hundreds of thousands of them.
+  constexpr int steps = 4096;
+  static const std::vector<std::complex<float>> circle = [] {
+    std::vector<std::complex<float>> table(steps);
+    for (int k = 0; k < steps; ++k)
+      table[k] = std::complex<float>(std::polar(1.0, 2 * std::numbers::pi * (k + 0.5) / steps));
+    return table;
+  }();
+  // Quantiles of Rayleigh's distribution with mean square 1.
+  static const std::vector<float> radius = [] {
+    std::vector<double> table(steps);
+    double square = 0;
+    for (int k = 0; k < steps; ++k) {
+      table[k] = -std::log((k + 0.5) / steps);
+      square += table[k] / steps;
+    }
+    std::vector<float> roots(steps);
+    for (int k = 0; k < steps; ++k) roots[k] = static_cast<float>(std::sqrt(table[k] / square));
+    return roots;
+  }();
+  cv::Mat draws(rows, half, CV_32F);
+  stream.fill_uniform(draws);
+  const float* draw = draws.ptr<float>();
+  parallel_for(rows, [&](int row) {
+    const std::size_t begin = static_cast<std::size_t>(row) * half;
+    for (std::size_t k = begin; k < begin + half; ++k) {
+      const int bits = static_cast<int>(draw[k] * 0x1.0p24f);
+      const float magnitude = rayleigh_ ? magnitude_[k] * radius[bits & (steps - 1)] : magnitude_[k];
+      spectrum[k] = magnitude * circle[bits >> 12];
+    }
+  });
   // A real field: in the columns that are their own mirror, row -k is the conjugate of row k, and what mirrors onto
   // itself is real.
   for (int col : {0, cols / 2}) {

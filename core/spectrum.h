@@ -83,7 +83,8 @@ class NoiseSpectrum {
 class NoiseSynthesis {
  public:
   NoiseSynthesis(const NoiseSpectrum& spectrum, bool rayleigh = false);
-  /// CV_32F, mm; mean exactly 0. The same stream gives the same bytes.
+  /// CV_32F, mm. With fixed magnitudes the mean is exactly 0; with drawn ones it scatters as S(0) says. The same stream
+  /// gives the same bytes.
   void synthesise(const RandomStream& stream, cv::Mat& noise_mm) const;
 
  private:

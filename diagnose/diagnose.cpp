@@ -210,7 +210,6 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
     added.push_back(best->effect);
     RungOptions again = rung_options;
     again.simulations = std::max(16, options.simulations / 2);
-    again.try_switches = false;
     const SensorModel start = best->model;
     const auto offsets = rung.offsets;
     rungs.push_back(fit_rung(experiment, motions, data, start, offsets, again));

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 
 #include <Eigen/Cholesky>
 
@@ -21,56 +20,6 @@ std::vector<StatVector> short_simulations(const Experiment& experiment, const Se
   for (int k = 0; k < 8; ++k)
     trials.push_back({model, offsets, seed + static_cast<std::uint64_t>(k), Part::all, short_frames, !series});
   return experiment.simulate(trials, "learning the model's own randomness");
-}
-
-/// How well the spread of simulations, not only their mean, fits the data on train: mean of z^2 + ln variance.
-double proper_score(const Layout& layout, const Standard& standard, const StatVector& data) {
-  const Whitened z = [&] {
-    Whitened d(layout.size, 0.f);
-    for (int i = 0; i < layout.size; ++i)
-      if (standard.spread()[i] > 0 && !std::isnan(data[i]))
-        d[i] = (data[i] - standard.mean()[i]) / standard.spread()[i];
-    return d;
-  }();
-  double sum = 0, count = 0;
-  for (const auto& block : layout.blocks) {
-    // Maps of bias hold the poses, too, and would drown the rest.
-    if (!block.train || segments()[block.segment].name == "bias") continue;
-    double own = 0, n = 0;
-    for (int i = block.offset; i < block.offset + block.size; ++i)
-      if (standard.spread()[i] > 0) own += std::min(64.f, z[i] * z[i]) + 2 * std::log(standard.spread()[i]), n += 1;
-    if (n > 0) sum += own / n, count += 1;
-  }
-  return count > 0 ? sum / count : 0;
-}
-
-/// Tries the other choices of the model's own switches: they change how random it is, which no mean shows.
-SensorModel best_switches(const Experiment& experiment, const StatVector& data, SensorModel model,
-                          const std::vector<Offset>& offsets, std::uint64_t seed) {
-  const auto score = [&](const SensorModel& candidate) {
-    std::vector<Trial> trials;
-    for (int k = 0; k < 8; ++k)
-      trials.push_back({candidate, offsets, seed + static_cast<std::uint64_t>(k), Part::train, 0, true});
-    return proper_score(experiment.layout(), Standard(experiment.layout(), experiment.simulate(trials)), data);
-  };
-  std::optional<double> now;
-  for (std::size_t e = 0; e < model.effects.size(); ++e) {
-    const auto options = model.effects[e].declaration(experiment.forward().catalogue()).options;
-    for (const auto& option : options) {
-      if (option.choices.size() < 2 || model.effects[e].own_declaration) continue;
-      const auto given = model.effects[e].options.find(option.name);
-      const std::string present = given == model.effects[e].options.end() ? option.default_value : given->second;
-      if (!now) now = score(model);
-      for (const auto& choice : option.choices) {
-        if (choice == present) continue;
-        SensorModel other = model;
-        other.effects[e].options[option.name] = choice;
-        const double theirs = score(other);
-        if (theirs < *now - 0.02) now = theirs, model = other;
-      }
-    }
-  }
-  return model;
 }
 
 /// Moves the targets to where the bias maps want them; true if any moved by more than a fifth of its prior sigma.
@@ -123,8 +72,6 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
                          rung.model, parameters, rung.offsets, fit);
     rung.model = rung.fit.model;
   }
-
-  if (options.try_switches) rung.model = best_switches(experiment, data, rung.model, rung.offsets, options.seed + 9500);
 
   // The model's own randomness, with everything that may differ from recording to recording.
   std::vector<std::vector<double>> draws(options.pose_draws, std::vector<double>(motions.size()));

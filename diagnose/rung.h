@@ -26,7 +26,6 @@ struct RungOptions {
   int simulations = 48;
   int pose_draws = 12;  ///< different random registrations among the simulations
   int passes = 2, iterations = 8;
-  bool try_switches = true;  ///< the other choices of the model's own options
   std::uint64_t seed = 1;
 };
 

@@ -14,15 +14,15 @@
 // Source: X. Sun, P. L. Rosin, R. R. Martin, F. C. Langbein, "Noise analysis and synthesis for 3D laser depth
 // scanners", Graphical Models 71 (2009) 34-48: residual of a plane, DFT magnitude, random phase, inverse DFT. We
 // deviate: the magnitude comes from an averaged, mask-corrected spectrum instead of one frame's periodogram (a single
-// periodogram's scatter would be frozen into every frame); `magnitudes: rayleigh` also draws the magnitudes, which
-// makes an exact Gaussian field whose power scatters in every frequency as a real frame's does; fixed magnitudes give
-// every frame the same variance to the last digit. A spectrum that was sampled on another image size is averaged onto
+// periodogram's scatter would be frozen into every frame), and unless `magnitudes: fixed` is asked for, the magnitudes
+// are drawn, too, which makes an exact Gaussian field whose power scatters in every frequency, the mean included, as a
+// real frame's does; fixed magnitudes give every frame the same variance to the last digit. A spectrum that was sampled on another image size is averaged onto
 // this camera's grid: frequencies are per pixel, so the correlation keeps its length in pixels.
 //
 // Not for: noise whose strength changes over the image (put an amplitude effect before it), static patterns
 // (fixed_pattern_noise), row or column noise (their ridges have effects of their own). The field is periodic in the
-// image: opposite borders are correlated over the correlation length. Its mean over the image is 0 in every frame
-// (vibration moves whole frames).
+// image: opposite borders are correlated over the correlation length. Whole frames move by hardly anything (vibration
+// does that).
 #include <filesystem>
 #include <list>
 #include <mutex>
@@ -84,9 +84,9 @@ EffectDeclaration declare() {
        .choices = {},
        .is_file = true},
       {.name = "magnitudes",
-       .meaning = "fixed: the same magnitudes in every frame; rayleigh: drawn magnitudes, an exact Gaussian field",
-       .default_value = "fixed",
-       .choices = {"fixed", "rayleigh"}},
+       .meaning = "rayleigh: drawn magnitudes, an exact Gaussian field; fixed: the same magnitudes in every frame",
+       .default_value = "rayleigh",
+       .choices = {"rayleigh", "fixed"}},
   };
   d.neighbourhood_px = -1;
   d.amplitude = "sigma";
@@ -146,7 +146,7 @@ std::shared_ptr<const NoiseSynthesis> shared_synthesis(const EffectInstance& ins
   std::string file = option("spectrum");
   if (!file.empty() && std::filesystem::path(file).is_relative())
     file = (std::filesystem::path(context.model_folder) / file).string();
-  const bool rayleigh = option("magnitudes") == "rayleigh";
+  const bool rayleigh = option("magnitudes") != "fixed";
   const std::string key = synthesis_key(instance, file, context.camera, rayleigh);
 
   static std::mutex mutex;

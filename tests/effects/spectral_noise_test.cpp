@@ -44,9 +44,13 @@ double deviation(const cv::Mat& image) {
 }
 
 TEST(SpectralNoise, HasTheStandardDeviationAskedFor) {
+  NoiseSetup setup(320, 240, 0.3, 0.8, 0.1);
+  // 76800 / (4 pi L^2) = 9500 independent pixels.
+  EXPECT_NEAR(deviation(setup.noise(0)), 0.3, 5 * 0.3 / std::sqrt(2 * 9500.0));
   // Fixed magnitudes: exact but for the frequency 0, whose share of the variance stays out.
-  EXPECT_NEAR(deviation(NoiseSetup(320, 240, 0.3, 0.8, 0.1).noise(0)), 0.3, 0.3 * 0.002);
-  EXPECT_NEAR(deviation(NoiseSetup(320, 240, 0.3, 0.8, 0.1).noise(0, 2.5f)), 0.75, 0.75 * 0.002);
+  setup.instance.options["magnitudes"] = "fixed";
+  EXPECT_NEAR(deviation(setup.noise(0)), 0.3, 0.3 * 0.002);
+  EXPECT_NEAR(deviation(setup.noise(0, 2.5f)), 0.75, 0.75 * 0.002);
 }
 
 TEST(SpectralNoise, NeutralChangesNothing) {
@@ -79,7 +83,6 @@ TEST(SpectralNoise, ACorrelatedFieldHasTheCorrelationOfItsFormula) {
 
 TEST(SpectralNoise, DrawnMagnitudesScatterTheVariance) {
   NoiseSetup setup(64, 48, 0.3, 1, 0);
-  setup.instance.options["magnitudes"] = "rayleigh";
   double low = 1e9, high = 0;
   for (int frame = 0; frame < 20; ++frame) {
     low = std::min(low, deviation(setup.noise(frame)));
@@ -93,6 +96,7 @@ TEST(SpectralNoise, AFileOfAnotherSizeKeepsItsCorrelationLength) {
   NoiseSpectrum::parametric(240, 320, 1.0, 2.0, 0.0).write(path.string(), "test");
   NoiseSetup setup(640, 480, 0.4, 0, 0);
   setup.instance.options["spectrum"] = path.string();
+  setup.instance.options["magnitudes"] = "fixed";
   const cv::Mat noise = setup.noise(0);
   std::filesystem::remove(path);
   EXPECT_NEAR(deviation(noise), 0.4, 0.4 * 0.01);
