@@ -1,6 +1,10 @@
 #include "app/forward.h"
 
+#include <algorithm>
+#include <fstream>
+
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -138,6 +142,16 @@ std::vector<SceneObject> boxes_of_scene(const CaptureReader& capture, std::strin
   return objects;
 }
 
+// Depth that was moved into the view of another camera: recording.json says so.
+bool depth_registered(const RecordingSet& set) {
+  std::ifstream file(set.info().path + "/recording.json");
+  const auto recording = nlohmann::json::parse(file, nullptr, false);
+  if (!recording.is_object()) return false;
+  if (recording.value("depth_registered", false)) return true;
+  const auto note = recording.find("depth_note");
+  return note != recording.end() && note->is_string() && note->get<std::string>().rfind("registered to colour", 0) == 0;
+}
+
 bool has_poses(const CaptureReader& capture) {
   for (int i = 0; i < capture.size(); ++i) {  // a capture with poses for some frames only is simulated like one without
     const Frame header = capture.header(i);
@@ -202,10 +216,20 @@ Forward open_forward_model(const std::string& set_path, const ForwardOptions& op
 
 std::string settle_projector(SensorModel& model, const ForwardModel& forward) {
   if (model.projector_from != Given::fit || model.projector_known) return "";
-  const ProjectorFit fit = fit_projector(forward, RecordingSet::open(forward.set().path), model);
+  const RecordingSet set = RecordingSet::open(forward.set().path);
+  const auto second = std::find_if(model.effects.begin(), model.effects.end(),
+                                   [](const EffectInstance& instance) { return instance.effect == "second_shadow"; });
+  const bool there = second != model.effects.end();
+  const ProjectorFit fit = fit_projector(forward, set, model, there || depth_registered(set));
   model.projector_known = fit.found;
   model.projector_xyz_mm = fit.xyz_mm;
-  return fit.message;
+  if (!fit.second_x_mm) return fit.message;
+  if (there) {
+    second->values["baseline"] = {*fit.second_x_mm, std::nullopt, "fitted to " + fit.captures.front()};
+    return fit.message;
+  }
+  add_effect(model, forward.catalogue(), "second_shadow", {{"baseline", *fit.second_x_mm}});
+  return fit.message + "; added as second_shadow, since this depth was registered to another camera";
 }
 
 }  // namespace binrig

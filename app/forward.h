@@ -27,6 +27,8 @@ struct Forward {
 Forward open_forward_model(const std::string& set_path, const ForwardOptions& options = {});
 
 /// Where the model says `projector: fit` and has no place yet: fits it to the train captures' shadows and puts it in.
+/// With it goes the baseline of `second_shadow` where the model has that effect; where it has not, but the recording's
+/// depth was registered to another camera and a second shadow is found, the effect is added.
 /// Returns what was found in words, "" where there was nothing to do.
 std::string settle_projector(SensorModel& model, const ForwardModel& forward);
 

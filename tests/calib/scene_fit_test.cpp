@@ -1,3 +1,5 @@
+#include <fstream>
+
 #include <gtest/gtest.h>
 
 #include <opencv2/core.hpp>
@@ -7,13 +9,15 @@
 #include "calib/projector_fit.h"
 #include "sim/effect.h"
 #include "sim/renderer.h"
+#include "tests/support/program.h"
 #include "tests/support/recordings.h"
 
 namespace binrig {
 namespace {
 
-// A box of known size on a known plane, rendered; what is seen of it (top and two sides) must give its footprint, height
-// and place back. One pixel is 1.3 mm there, so 3 mm bounds what the loss of the outermost 1 % and the pixels allow.
+// A box of known size on a known plane, rendered; what is seen of it (top and two sides) must give its footprint,
+// height and place back. One pixel is 1.3 mm there, so 3 mm bounds what the loss of the outermost 1 % and the pixels
+// allow.
 TEST(BoxFit, FindsSizeAndPlaceOfARenderedBox) {
   RenderScene scene;
   const Camera camera = camera_from_field_of_view(640, 480, 0.9);
@@ -56,8 +60,9 @@ TEST(BoxFit, TooFewPointsAreAnError) {
   EXPECT_THROW(fit_box(depth, rays, mask, plane), Error);
 }
 
-// The bench recordings say where their projector stands, (100, 0, 0) mm; its shadows alone must say the same. One pixel of
-// shadow edge at the step's height of 60 mm in 800 is 0.7 mm / (60 / 740) = 9 mm of baseline; there are about 100 rows.
+// The bench recordings say where their projector stands, (100, 0, 0) mm; its shadows alone must say the same. One pixel
+// of shadow edge at the step's height of 60 mm in 800 is 0.7 mm / (60 / 740) = 9 mm of baseline; there are about 100
+// rows.
 TEST(ProjectorFit, ShadowsOfTheBenchRecordingGiveTheProjectorsPlace) {
   const std::string path = test::shared_recording("bench/kit-a");
   if (path.empty()) GTEST_SKIP() << "the shared recordings are not on this machine";
@@ -69,6 +74,40 @@ TEST(ProjectorFit, ShadowsOfTheBenchRecordingGiveTheProjectorsPlace) {
   ASSERT_TRUE(fit.found) << fit.message;
   EXPECT_NEAR(fit.xyz_mm.x(), 100, 9);
   EXPECT_NEAR(fit.xyz_mm.y(), 0, 20);
+  // No second camera here: none is found where one is looked for.
+  const ProjectorFit second = fit_projector(*forward.model, RecordingSet::open(path), model, true);
+  EXPECT_FALSE(second.second_x_mm) << second.message;
+  EXPECT_NEAR(second.xyz_mm.x(), fit.xyz_mm.x(), 1e-9);
+}
+
+// Depth in the view of a colour camera: the projector 60 mm to the right, the sensor's own camera 40 mm to the left, a
+// box 50 mm high at 400. One pixel of shadow edge is 1 / (772 (1/350 - 1/400)) = 3.6 mm of baseline.
+TEST(ProjectorFit, TwoShadowsGiveTwoPlaces) {
+  const test::ScratchFolder folder;
+  std::ofstream(folder / "world.yaml") << R"(
+parts: [{part: box, poses: [{translation: [0, 0, 25], rotation_vector_deg: [0, 90, 0]}]}]
+table: {height: 0}
+sensors:
+  - {name: above, pose: {from: [0, 0, 400], at: [0, 0, 0]}, camera: {width: 640, height: 480, horizontal_fov_deg: 45},
+     range: [300, 500], projector: [60, 0, 0]}
+)";
+  std::ofstream(folder / "two.yaml") << "name: two\ndepth_scale: 0.02\neffects:\n"
+                                        "  - projector_shadow: {bias: 1}\n  - second_shadow: {baseline: -40}\n";
+  const test::Run run = test::run_binrig("simulate --quiet --no-rgb --split train --world " + (folder / "world.yaml") +
+                                         " --model " + (folder / "two.yaml") + " --out " + (folder / "set"));
+  ASSERT_EQ(run.status, 0) << run.output;
+  const Forward forward = open_forward_model(folder / "set");
+  SensorModel model = parse_sensor_model("name: fit\nprojector: fit\neffects: [second_shadow: {baseline: 5}]\n", "fit",
+                                         effect_catalogue());
+  const std::string message = settle_projector(model, *forward.model);
+  ASSERT_TRUE(model.projector_known) << message;
+  EXPECT_NEAR(model.projector_xyz_mm.x(), 60, 6) << message;
+  EXPECT_NEAR(model.effects[0].value("baseline"), -40, 6) << message;
+  // One place alone leaves the other shadow unexplained.
+  const ProjectorFit alone = fit_projector(*forward.model, RecordingSet::open(folder / "set"), model);
+  const ProjectorFit both = fit_projector(*forward.model, RecordingSet::open(folder / "set"), model, true);
+  EXPECT_GT(both.iou, 0.9);
+  EXPECT_LT(alone.iou, 0.75);
 }
 
 TEST(ProjectorFit, WithoutShadowsThePlaceStaysUnknown) {
