@@ -134,16 +134,17 @@ class BareEmbree {
   void trace() const {
     const Eigen::Vector3f projector = request_.projector_xyz_mm->cast<float>();
     parallel_for(rays_.rows / 16, [&](int band) {
-      alignas(32) RTCRayHit8 packet;
-      alignas(32) int valid[8] = {-1, -1, -1, -1, -1, -1, -1, -1};
-      for (int r = band * 16; r < band * 16 + 16; r += 2) {
+      alignas(64) RTCRayHit16 packet;
+      alignas(64) int valid[16];
+      std::fill(valid, valid + 16, -1);
+      for (int r = band * 16; r < band * 16 + 16; r += 4) {
         for (int c = 0; c + 4 <= rays_.cols; c += 4) {
-          for (int k = 0; k < 8; ++k) {
+          for (int k = 0; k < 16; ++k) {
             const auto& ray = rays_.at<cv::Vec2f>(r + k / 4, c + k % 4);
             set(packet, k, Eigen::Vector3f::Zero(), {ray[0], ray[1], 1.f}, 1e30f);
           }
           ask(valid, packet);
-          for (int k = 0; k < 8; ++k) {
+          for (int k = 0; k < 16; ++k) {
             const auto& ray = rays_.at<cv::Vec2f>(r + k / 4, c + k % 4);
             const float z = std::min(packet.ray.tfar[k], 2000.f);
             set(packet, k, projector, Eigen::Vector3f(ray[0] * z, ray[1] * z, z) - projector, 0.9999f);
@@ -155,7 +156,7 @@ class BareEmbree {
   }
 
  private:
-  static void set(RTCRayHit8& packet, int k, const Eigen::Vector3f& o, const Eigen::Vector3f& d, float far) {
+  static void set(RTCRayHit16& packet, int k, const Eigen::Vector3f& o, const Eigen::Vector3f& d, float far) {
     packet.ray.org_x[k] = o.x();
     packet.ray.org_y[k] = o.y();
     packet.ray.org_z[k] = o.z();
@@ -169,11 +170,11 @@ class BareEmbree {
     packet.ray.flags[k] = 0;
     packet.hit.geomID[k] = packet.hit.instID[0][k] = RTC_INVALID_GEOMETRY_ID;
   }
-  void ask(const int* valid, RTCRayHit8& packet) const {
+  void ask(const int* valid, RTCRayHit16& packet) const {
     RTCIntersectContext context;
     rtcInitIntersectContext(&context);
     context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-    rtcIntersect8(valid, scene_, &context, &packet);
+    rtcIntersect16(valid, scene_, &context, &packet);
   }
 
   RTCDevice device_;
@@ -346,7 +347,7 @@ struct Bench {
     if (renderer_name == "embree") {
       const BareEmbree bare(scene, request(wanted));
       const Cost cost = measured(repeats, [&] { bare.trace(); });
-      row("bare rtcIntersect8, both pictures", cost);
+      row("bare rtcIntersect16, both pictures", cost);
       std::printf("  rendering / bare: %.2f\n", render.cpu_ms / cost.cpu_ms);
     } else {
       BareGl bare(scene, request(wanted));

@@ -334,10 +334,16 @@ NoiseSynthesis::NoiseSynthesis(const NoiseSpectrum& spectrum, bool rayleigh)
 
 void NoiseSynthesis::synthesise(const RandomStream& stream, cv::Mat& noise_mm) const {
   const int rows = fft_.rows(), cols = fft_.cols(), half = fft_.half_cols();
-  std::vector<std::complex<float>> spectrum(magnitude_.size());
+  // Kept from frame to frame: fresh memory of this size costs as much as a fifth of the DFT.
+  thread_local std::vector<std::complex<float>> kept_spectrum;
+  thread_local cv::Mat kept_draws;
+  kept_spectrum.resize(magnitude_.size());
+  kept_draws.create(rows, half, CV_32F);
+  auto& spectrum = kept_spectrum;
+  cv::Mat& draws = kept_draws;
   // A draw of 24 bits: 12 for the phase, 12 for the magnitude. 4096 of each are as good as a continuum here: the inverse
   // DFT adds hundreds of thousands of them.
-  constexpr int steps = 4096;
+  constexpr int steps = 4096, band_rows = 16;
   static const std::vector<std::complex<float>> circle = [] {
     std::vector<std::complex<float>> table(steps);
     for (int k = 0; k < steps; ++k)
@@ -356,15 +362,17 @@ void NoiseSynthesis::synthesise(const RandomStream& stream, cv::Mat& noise_mm) c
     for (int k = 0; k < steps; ++k) roots[k] = static_cast<float>(std::sqrt(table[k] / square));
     return roots;
   }();
-  cv::Mat draws(rows, half, CV_32F);
   stream.fill_uniform(draws);
-  const float* draw = draws.ptr<float>();
-  parallel_for(rows, [&](int row) {
-    const std::size_t begin = static_cast<std::size_t>(row) * half;
-    for (std::size_t k = begin; k < begin + half; ++k) {
+  const float *draw = draws.ptr<float>(), *magnitude = magnitude_.data(), *radii = radius.data();
+  const std::complex<float>* directions = circle.data();
+  std::complex<float>* out = spectrum.data();
+  parallel_for((rows + band_rows - 1) / band_rows, [&, draw, magnitude, radii, directions, out](int band) {
+    const std::size_t begin = static_cast<std::size_t>(band) * band_rows * half,
+                      end = static_cast<std::size_t>(std::min(rows, (band + 1) * band_rows)) * half;
+    for (std::size_t k = begin; k < end; ++k) {
       const int bits = static_cast<int>(draw[k] * 0x1.0p24f);
-      const float magnitude = rayleigh_ ? magnitude_[k] * radius[bits & (steps - 1)] : magnitude_[k];
-      spectrum[k] = magnitude * circle[bits >> 12];
+      const float m = rayleigh_ ? magnitude[k] * radii[bits & (steps - 1)] : magnitude[k];
+      out[k] = m * directions[bits >> 12];
     }
   });
   // A real field: in the columns that are their own mirror, row -k is the conjugate of row k, and what mirrors onto

@@ -12,8 +12,9 @@
 namespace binrig {
 
 namespace {
-constexpr int tile_rows = 2, tile_cols = 4;  // one packet of eight
-constexpr int band_tiles = 4;
+constexpr int tile_rows = 4, tile_cols = 4;  // one packet
+constexpr int lanes = tile_rows * tile_cols;
+constexpr int band_tiles = 2;
 constexpr std::size_t cached_meshes = 128;
 
 // Reference-counted Embree objects.
@@ -123,14 +124,14 @@ class RayCasting final : public Visibility {
     FirstHits hits{cv::Mat(rays.size(), CV_16U), cv::Mat(rays.size(), CV_32S)};
     for_tiles(rays.rows, rays.cols, [&](int row, int col) {
       Packet packet;
-      for (int k = 0; k < 8; ++k) {
+      for (int k = 0; k < lanes; ++k) {
         const int r = row + k / tile_cols, c = col + k % tile_cols;
         const bool there = r < rays.rows && c < rays.cols;
         const cv::Vec2f ray = there ? rays.at<cv::Vec2f>(r, c) : cv::Vec2f(0.f, 0.f);
         packet.set(k, there, Eigen::Vector3f::Zero(), {ray[0], ray[1], 1.f}, std::numeric_limits<float>::infinity());
       }
       packet.trace(scene_.get());
-      for (int k = 0; k < 8; ++k) {
+      for (int k = 0; k < lanes; ++k) {
         if (!packet.valid[k]) continue;
         const int r = row + k / tile_cols, c = col + k % tile_cols;
         const bool hit = packet.hit(k);
@@ -146,9 +147,9 @@ class RayCasting final : public Visibility {
     const Eigen::Vector3f light = light_mm.cast<float>();
     for_tiles(rays.rows, rays.cols, [&](int row, int col) {
       Packet packet;
-      float length[8];
+      float length[lanes];
       bool any = false;
-      for (int k = 0; k < 8; ++k) {
+      for (int k = 0; k < lanes; ++k) {
         const int r = row + k / tile_cols, c = col + k % tile_cols;
         const bool inside = r < rays.rows && c < rays.cols;
         const float z = inside ? depth_mm.at<float>(r, c) : 0.f;
@@ -161,7 +162,7 @@ class RayCasting final : public Visibility {
       }
       if (!any) return;
       packet.trace(scene_.get());
-      for (int k = 0; k < 8; ++k) {
+      for (int k = 0; k < lanes; ++k) {
         if (!packet.valid[k] || !packet.hit(k)) continue;
         gap.at<float>(row + k / tile_cols, col + k % tile_cols) = length[k] * (1.f - packet.rays.ray.tfar[k]);
       }
@@ -170,9 +171,9 @@ class RayCasting final : public Visibility {
   }
 
  private:
-  struct alignas(32) Packet {
-    RTCRayHit8 rays;
-    alignas(32) int valid[8];
+  struct alignas(64) Packet {
+    RTCRayHit16 rays;
+    alignas(64) int valid[lanes];
     void set(int k, bool there, const Eigen::Vector3f& origin, const Eigen::Vector3f& direction, float far) {
       valid[k] = there ? -1 : 0;
       rays.ray.org_x[k] = origin.x();
@@ -194,7 +195,7 @@ class RayCasting final : public Visibility {
       RTCIntersectContext context;
       rtcInitIntersectContext(&context);
       context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-      rtcIntersect8(valid, scene, &context, &rays);
+      rtcIntersect16(valid, scene, &context, &rays);
     }
     bool hit(int k) const { return rays.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID; }
   };
