@@ -30,25 +30,40 @@ cv::Mat scaled(const cv::Mat& image, int columns) {
   return out;
 }
 
+// Side by side, centred in height, on white.
+cv::Mat row(const std::vector<cv::Mat>& panels) {
+  int rows = 0;
+  for (const cv::Mat& panel : panels) rows = std::max(rows, panel.rows);
+  cv::Mat out(rows, width, CV_8UC3, cv::Scalar::all(255));
+  int col = 0;
+  for (const cv::Mat& panel : panels) {
+    panel.copyTo(out(cv::Rect(col, (rows - panel.rows) / 2, panel.cols, panel.rows)));
+    col += panel.cols + gap;
+  }
+  return out;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) try {
-  if (argc != 4) throw Error("usage: draw_overview DEMO PILE.jpg OUT.png");
+  if (argc != 5) throw Error("usage: draw_overview DEMO CAPTURE PILE.jpg OUT.png");
   const std::string demo = argv[1];
-  const cv::Mat pile = picture(argv[2]);
+  const std::string capture = demo + "/compare/" + argv[2];
+  const cv::Mat pile = picture(argv[3]);
   const int third = (width - 2 * gap) / 3;
   std::vector<cv::Mat> views;
   // Its upper half is the view from above: colour, depth, instances.
   for (int i = 0; i < 3; ++i) {
     views.push_back(scaled(pile(cv::Rect(i * pile.cols / 3, 0, pile.cols / 3, pile.rows / 2)), third));
   }
-  const std::vector<cv::Mat> rows{scaled(picture(demo + "/compare/test_1_residual.png"), width),
-                                  row({scaled(picture(demo + "/compare/test_1_spectrum.png"), 380),
+  const std::vector<cv::Mat> rows{scaled(picture(capture + "_residual.png"), width),
+                                  row({scaled(picture(capture + "_spectrum.png"), 380),
                                        scaled(picture(demo + "/improve/bias_1.png"), width - 380 - gap)}),
                                   row(views)};
   cv::Mat sheet;
   cv::vconcat(rows, sheet);
-  if (!cv::imwrite(argv[3], sheet)) throw Error(std::string("cannot write ") + argv[3]);
+  if (!cv::imwrite(argv[4], sheet, {cv::IMWRITE_PNG_COMPRESSION, 9}))
+    throw Error(std::string("cannot write ") + argv[4]);
 } catch (const std::exception& problem) {
   std::fprintf(stderr, "draw_overview: %s\n", problem.what());
   return 2;
