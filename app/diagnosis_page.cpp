@@ -67,7 +67,9 @@ void ladder_section(Page& page, const Diagnosis& diagnosis) {
   for (const auto& step : diagnosis.ladder) {
     curve.x.push_back(step.step);
     curve.y.push_back(step.score.heldout);
-    std::vector<Cell> row{Cell(step.step), Cell(step.added.empty() ? "(the model given)" : step.added),
+    std::vector<Cell> row{Cell(step.step), Cell(!step.removed.empty() ? "without " + step.removed
+                                                : step.added.empty() ? "(the model given)"
+                                                                     : step.added),
                           Cell(step.score.heldout)};
     for (const char* channel : {"bias", "noise", "spectrum", "mask", "edges", "time"}) {
       const auto at = step.score.by_channel.find(channel);
@@ -163,6 +165,22 @@ std::string write_diagnosis_page(const Diagnosis& diagnosis, const DiagnosisRun&
       lines += fmt::format("  - {}: {{{}}}\n", candidate.effect, fmt::join(values, ", "));
     }
     page.code("effects:\n" + lines);
+  }
+  if (!diagnosis.present.empty()) {
+    page.section("What the model already had");
+    page.text("Its own parameters, fitted together with everything else. A hypothesis is only held against what no value "
+              "of these explains.");
+    Table table;
+    table.columns = {"effect", "parameter", "unit", "given", "fitted (95 % interval)", "remark"};
+    for (const auto& entry : diagnosis.present)
+      table.rows.push_back({entry.id, entry.name, entry.unit, Cell(entry.given),
+                            fmt::format("{} ({} .. {})", significant(entry.fitted, 4), significant(entry.low, 4),
+                                        significant(entry.high, 4)),
+                            entry.superfluous    ? "as good as absent: this recording needs no such effect"
+                            : !entry.determined  ? "not determined by this recording"
+                            : entry.changed      ? "the value given does not fit this recording"
+                                                 : ""});
+    page.table(table);
   }
   if (!diagnosis.unexplained.empty()) {
     page.section("What stays unexplained");

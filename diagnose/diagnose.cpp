@@ -210,7 +210,10 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
     added.push_back(best->effect);
     RungOptions again = rung_options;
     again.simulations = std::max(16, options.simulations / 2);
-    const SensorModel start = best->model;
+    // What the model had before was bent to make up for what was missing: it begins anew where the user put it.
+    SensorModel start = best->model;
+    for (auto& instance : start.effects)
+      if (const EffectInstance* given = model.find(instance.id)) instance.values = given->values;
     const auto offsets = rung.offsets;
     rungs.push_back(fit_rung(experiment, motions, data, start, offsets, again));
     // The gain was computed with the scale of the rung before; the ladder judges by the last one's. An addition that
@@ -230,10 +233,35 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
     }
   }
 
+  // Backward: what was needed on the way may be superfluous beside what was added later. The last one just proved itself.
+  std::vector<std::string> removed(rungs.size());
+  for (std::size_t k = 0; k + 1 < diagnosis.candidates.size();) {
+    SensorModel without = rungs.back().model;
+    const std::string id = diagnosis.candidates[k].id;
+    std::erase_if(without.effects, [&](const EffectInstance& e) { return e.id == id; });
+    RungOptions again = rung_options;
+    again.simulations = 16;
+    std::vector<Rung> pair{rungs.back(), fit_rung(experiment, motions, data, without, rungs.back().offsets, again)};
+    const auto judged = scores(layout, pair[0], data, pair);
+    if (judged[1].heldout > judged[0].heldout) {
+      ++k;
+      continue;
+    }
+    diagnosis.warnings.push_back(fmt::format(
+        "{} was added and, with what came after it, taken out again: without it the error on captures held out is no "
+        "larger ({:.3g} with it, {:.3g} without)",
+        diagnosis.candidates[k].effect, judged[0].heldout, judged[1].heldout));
+    rungs.push_back(std::move(pair[1]));
+    added.push_back("");
+    removed.push_back(diagnosis.candidates[k].effect);
+    diagnosis.candidates.erase(diagnosis.candidates.begin() + static_cast<long>(k));
+    evidence.accepted.erase(evidence.accepted.begin() + static_cast<long>(k));
+  }
+
   const Rung& last = rungs.back();
   const auto ladder = scores(layout, last, data, rungs);
   for (std::size_t k = 0; k < rungs.size(); ++k)
-    diagnosis.ladder.push_back({static_cast<int>(k), added[k], rungs[k].model, ladder[k]});
+    diagnosis.ladder.push_back({static_cast<int>(k), added[k], removed[k], rungs[k].model, ladder[k]});
   std::set<std::string> unexplained;
   for (const auto& fit : goodness_of_fit(layout, last)) {
     if (std::getenv("BINRIG_TRACE"))
@@ -253,18 +281,20 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
   diagnosis.verdict = judge(evidence);
   screen(experiment, last, data, diagnosis.unexplained);
 
+  diagnosis.present = present_parameters(model, last, forward.catalogue());
   diagnosis.improved = last.model;
   write_intervals(diagnosis.improved, last.fit, last.dispersion, options.provenance);
   for (std::size_t k = 0; k < diagnosis.candidates.size(); ++k) {
     CandidateReport& candidate = diagnosis.candidates[k];
     fill_parameters(candidate, diagnosis.improved, last.fit);
-    candidate.heldout_after = ladder[k + 1].heldout;
+    const auto step = static_cast<std::size_t>(std::find(added.begin(), added.end(), candidate.effect) - added.begin());
+    candidate.heldout_after = ladder[step].heldout;
     for (auto& instance : diagnosis.improved.effects)
       if (instance.id == candidate.id)
         instance.provenance = fmt::format(
             "added by diagnosis: held-out score {:.3g} -> {:.3g} (gain of chi-square {:.3g} "
             "on captures not fitted to); {}",
-            ladder[k].heldout, ladder[k + 1].heldout, candidate.evidence, options.provenance);
+            ladder[step - 1].heldout, ladder[step].heldout, candidate.evidence, options.provenance);
   }
   for (int c = 0; c < layout.captures; ++c) {
     const Block* block = layout.find(c, "bias");

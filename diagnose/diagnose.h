@@ -35,7 +35,8 @@ struct Score {
 
 struct LadderStep {
   int step = 0;
-  std::string added;  ///< "" = the start
+  std::string added;    ///< "" = the start, or a step back
+  std::string removed;  ///< an effect that later ones made superfluous
   SensorModel model;
   Score score;
 };
@@ -60,6 +61,17 @@ struct Unexplained {
   std::string formula;  ///< a ready-to-paste effect, or ""
 };
 
+/// A parameter that the model had from the start, fitted with everything else.
+struct PresentParameter {
+  std::string id, name, unit;
+  double given = 0, fitted = 0, low = 0, high = 0;  ///< low .. high: 95 %
+  bool determined = true;   ///< false: the recording says less about it than its declaration does
+  bool changed = false;     ///< determined, and the value given is not among those that the recording allows
+  bool superfluous = false;  ///< an effect's strength that may as well be nothing: the recording needs no such effect
+};
+std::vector<PresentParameter> present_parameters(const SensorModel& given, const Rung& last,
+                                                 const EffectCatalogue& catalogue);
+
 struct LinearRank {
   std::string effect;
   double gain = 0, price = 0;
@@ -72,6 +84,7 @@ struct Diagnosis {
   std::vector<std::string> reasons;
   std::vector<CandidateReport> candidates;  ///< significant and confirmed, best first
   std::vector<LinearRank> ranking;          ///< all hypotheses at the start, by gain
+  std::vector<PresentParameter> present;    ///< of the model given
   std::vector<Untested> untested;
   std::vector<Unexplained> unexplained;
   std::vector<std::string> advice;

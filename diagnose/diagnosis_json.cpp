@@ -73,6 +73,17 @@ std::string diagnosis_json(const Diagnosis& diagnosis) {
                               {"price", number(entry.price)},
                               {"p_value", number(entry.p.p)},
                               {"p_extrapolated", entry.p.extrapolated}});
+  out["present_parameters"] = json::array();
+  for (const auto& entry : diagnosis.present)
+    out["present_parameters"].push_back({{"effect", entry.id},
+                                         {"parameter", entry.name},
+                                         {"unit", entry.unit},
+                                         {"given", number(entry.given)},
+                                         {"value", number(entry.fitted)},
+                                         {"ci95", {number(entry.low), number(entry.high)}},
+                                         {"determined", entry.determined},
+                                         {"changed", entry.changed},
+                                         {"superfluous", entry.superfluous}});
   out["warnings"] = diagnosis.warnings;
   out["seconds"] = number(diagnosis.seconds);
   out["simulated_captures"] = diagnosis.simulations;
@@ -85,6 +96,7 @@ std::string ladder_json(const Diagnosis& diagnosis) {
     json entry = score_json(step.score);
     entry["step"] = step.step;
     entry["added"] = step.added.empty() ? json(nullptr) : json(step.added);
+    if (!step.removed.empty()) entry["removed"] = step.removed;
     out.push_back(entry);
   }
   return out.dump(1);

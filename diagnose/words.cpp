@@ -70,6 +70,12 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
     if (!entry.shape.empty()) text += "; " + entry.shape;
     diagnosis.reasons.push_back(text + ".");
   }
+  std::vector<std::string> superfluous;
+  for (const auto& entry : diagnosis.present)
+    if (entry.superfluous) superfluous.push_back(entry.id);
+  if (!superfluous.empty())
+    diagnosis.reasons.push_back(fmt::format(
+        "The model has more than this recording needs: {} may as well be absent.", list(superfluous)));
   if (!diagnosis.untested.empty()) {
     std::vector<std::string> some;
     for (const auto& entry : diagnosis.untested) some.push_back(entry.effect);

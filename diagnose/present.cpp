@@ -1,0 +1,43 @@
+// What became of the parameters that a model had before anything was added.
+#include <cmath>
+
+#include <Eigen/Cholesky>
+
+#include "diagnose/diagnose.h"
+
+namespace binrig {
+namespace {
+
+constexpr double half_width = 1.96;  // of a 95 % interval, in standard deviations
+constexpr double least_learned = 0.7;  // a parameter whose scatter shrinks to no less than this share is not determined
+
+}  // namespace
+
+std::vector<PresentParameter> present_parameters(const SensorModel& given, const Rung& last,
+                                                 const EffectCatalogue& catalogue) {
+  std::vector<PresentParameter> result;
+  const Fit& fit = last.fit;
+  const int n = static_cast<int>(fit.parameters.size());
+  if (n == 0 || fit.precision.rows() != n) return result;
+  const Eigen::MatrixXd covariance = fit.precision.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+  for (int p = 0; p < n; ++p) {
+    const FitParameter& parameter = fit.parameters[p];
+    const EffectInstance* before = given.find(parameter.id);
+    if (!before) continue;
+    const double sigma = std::sqrt(std::max(0.0, last.dispersion * covariance(p, p)));
+    PresentParameter entry{parameter.id, parameter.name, parameter.unit, before->value(parameter.name)};
+    entry.fitted = parameter.natural(fit.value[p]);
+    entry.low = parameter.natural(fit.value[p] - half_width * sigma);
+    entry.high = parameter.natural(fit.value[p] + half_width * sigma);
+    entry.determined = sigma < least_learned * parameter.prior_sigma;
+    entry.changed = entry.determined && (entry.given < entry.low || entry.given > entry.high);
+    const EffectDeclaration& effect = before->declaration(catalogue);
+    const ParameterSpec* spec = effect.parameter(parameter.name);
+    entry.superfluous = entry.determined && spec && parameter.name == effect.amplitude && spec->neutral &&
+                        !parameter.logarithmic && entry.low <= *spec->neutral && *spec->neutral <= entry.high;
+    result.push_back(entry);
+  }
+  return result;
+}
+
+}  // namespace binrig
