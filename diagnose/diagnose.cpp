@@ -16,29 +16,33 @@
 namespace binrig {
 namespace {
 
-/// Median over the bins of a set of |measured - nominal| and of the ratio; NaN if nothing is known.
+/// Share of the targets' pixels that have depth, and medians over the bins of |measured - nominal| and of the ratio.
 struct Plausibility {
   double known_share = 0, median_error_mm = 0, median_ratio = 1;
 };
 
 Plausibility plausibility(const Experiment& experiment, const StatVector& data) {
+  Plausibility result;
   std::vector<double> errors, ratios;
-  double bins = 0;
   for (int c = 0; c < experiment.layout().captures; ++c) {
     const Block* block = experiment.layout().find(c, "bias");
     if (!block) continue;
     const double distance =
         cv::sum(experiment.nominal(c).depth_mm)[0] / std::max(1, cv::countNonZero(experiment.nominal(c).depth_mm));
     for (int i = block->offset; i < block->offset + block->size; ++i) {
-      bins += 1;
       if (std::isnan(data[i])) continue;
       errors.push_back(std::abs(data[i]));
       ratios.push_back((distance + data[i]) / distance);
     }
   }
-  Plausibility result;
-  if (bins == 0 || errors.empty()) return result;
-  result.known_share = static_cast<double>(errors.size()) / bins;
+  if (errors.empty()) return result;
+  double cells = 0;
+  for (const auto& block : experiment.layout().blocks) {
+    if (segments()[block.segment].name != "drop-out") continue;
+    for (int i = block.offset; i < block.offset + block.size; ++i)
+      if (!std::isnan(data[i])) result.known_share += std::pow(std::cos(data[i]), 2), cells += 1;
+  }
+  if (cells > 0) result.known_share /= cells;
   std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
   std::nth_element(ratios.begin(), ratios.begin() + ratios.size() / 2, ratios.end());
   result.median_error_mm = errors[errors.size() / 2];
@@ -233,7 +237,8 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
     }
   }
 
-  // Backward: what was needed on the way may be superfluous beside what was added later. The last one just proved itself.
+  // Backward: what was needed on the way may be superfluous beside what was added later. The last one just proved
+  // itself.
   std::vector<std::string> removed(rungs.size());
   for (std::size_t k = 0; k + 1 < diagnosis.candidates.size();) {
     SensorModel without = rungs.back().model;

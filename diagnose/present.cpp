@@ -8,7 +8,7 @@
 namespace binrig {
 namespace {
 
-constexpr double half_width = 1.96;  // of a 95 % interval, in standard deviations
+constexpr double half_width = 1.96;    // of a 95 % interval, in standard deviations
 constexpr double least_learned = 0.7;  // a parameter whose scatter shrinks to no less than this share is not determined
 
 }  // namespace
