@@ -233,12 +233,15 @@ class Rasteriser {
   std::list<Buffers> cache_;  // used last comes first
 };
 
-template <typename Body>
+/// Calls body(row, memory) for every row, in parallel; rows of a band share one Memory.
+template <typename Memory, typename Body>
 void for_rows(int rows, const Body& body) {
   parallel_for((rows + band_rows - 1) / band_rows, [&](int band) {
-    for (int row = band * band_rows; row < std::min(rows, (band + 1) * band_rows); ++row) body(row);
+    Memory memory;
+    for (int row = band * band_rows; row < std::min(rows, (band + 1) * band_rows); ++row) body(row, memory);
   });
 }
+struct NoMemory {};
 
 /// A triangle as a light sees it, in the camera's axes with the origin in the light.
 class LitTriangle {
@@ -246,7 +249,8 @@ class LitTriangle {
   LitTriangle() = default;
   LitTriangle(const SceneObject& object, std::uint32_t triangle, const Vector3& light) {
     const auto& t = object.mesh->triangles[triangle];
-    const Pose X = Eigen::Translation3d(-light) * object.X_CO;
+    Pose X = object.X_CO;
+    X.translation() -= light;
     const Vector3 a = X * object.mesh->vertices[t[0]].cast<double>();
     const Vector3 b = X * object.mesh->vertices[t[1]].cast<double>();
     const Vector3 c = X * object.mesh->vertices[t[2]].cast<double>();
@@ -284,13 +288,13 @@ class Rasterising final : public Visibility {
     FirstHits hits{cv::Mat(rays.size(), CV_16U), cv::Mat(rays.size(), CV_32S)};
     const Raster raster = camera_.distorted() ? raster_around(rays) : raster_of(camera_);
     const Picture picture = Rasteriser::instance().draw(scene_, Pose::Identity(), raster);
-    for_rows(rays.rows, [&](int row) {
+    const bool distorted = camera_.distorted();
+    for_rows<PlacedCache>(rays.rows, [&](int row, PlacedCache& placed) {
       const auto* ray = rays.ptr<cv::Vec2f>(row);
       auto* object = hits.object.ptr<std::uint16_t>(row);
       auto* triangle = hits.triangle.ptr<std::int32_t>(row);
-      PlacedCache placed;
       for (int col = 0; col < rays.cols; ++col) {
-        const cv::Vec2i seen = camera_.distorted() ? met_along(picture, ray[col], placed) : picture.at(row, col);
+        const cv::Vec2i seen = distorted ? met_along(picture, ray[col], placed) : picture.at(row, col);
         object[col] = static_cast<std::uint16_t>(seen[0]);
         triangle[col] = seen[0] != 0 ? seen[1] : -1;
       }
@@ -311,18 +315,23 @@ class Rasterising final : public Visibility {
   }
 
  private:
-  /// The triangle asked for last; neighbouring pixels ask for the same one.
+  /// Triangles asked for lately; neighbouring pixels ask for the same ones.
   struct PlacedCache {
-    cv::Vec2i seen{0, -1};
-    LitTriangle triangle;
+    struct Entry {
+      cv::Vec2i seen{0, -1};
+      LitTriangle triangle;
+    };
+    std::array<Entry, 64> entries;
   };
   const LitTriangle& placed_in(PlacedCache& cache, const cv::Vec2i& seen, const Vector3& light) const {
-    if (seen != cache.seen) {
-      cache.seen = seen;
-      cache.triangle = LitTriangle(scene_.objects[static_cast<std::size_t>(seen[0] - 1)],
+    const auto place = static_cast<std::size_t>(seen[0] * 7 + seen[1]) % cache.entries.size();
+    PlacedCache::Entry& entry = cache.entries[place];
+    if (seen != entry.seen) {
+      entry.seen = seen;
+      entry.triangle = LitTriangle(scene_.objects[static_cast<std::size_t>(seen[0] - 1)],
                                    static_cast<std::uint32_t>(seen[1]), light);
     }
-    return cache.triangle;
+    return entry.triangle;
   }
 
   /// The four raster pixels around a direction; the nearest comes first.
@@ -436,7 +445,7 @@ class Rasterising final : public Visibility {
       int points = 0;
     };
     std::vector<Bounds> of_rows(static_cast<std::size_t>(rays.rows));
-    for_rows(rays.rows, [&](int row) {
+    for_rows<NoMemory>(rays.rows, [&](int row, NoMemory&) {
       Bounds b;
       const auto* depth = depth_mm.ptr<float>(row);
       const auto* ray = rays.ptr<cv::Vec2f>(row);
@@ -464,8 +473,7 @@ class Rasterising final : public Visibility {
     X_LC.linear() = R_LC;
     X_LC.translation() = -(R_LC * light);
     const Picture map = Rasteriser::instance().draw(scene_, X_LC, raster);
-    for_rows(rays.rows, [&](int row) {
-      PlacedCache placed;
+    for_rows<PlacedCache>(rays.rows, [&](int row, PlacedCache& placed) {
       const auto* depth = depth_mm.ptr<float>(row);
       const auto* ray = rays.ptr<cv::Vec2f>(row);
       const auto* object = hits.object.ptr<std::uint16_t>(row);

@@ -154,6 +154,8 @@ void light_row(const Job& job, int row, bool wants_cosine, bool wants_diffuse, b
              light_z = static_cast<float>(job.light.z());
   const auto z0 = static_cast<float>(job.request.reference_distance_mm);
   const bool needs_surface = wants_diffuse || wants_specular;
+  const Surface* last_surface = nullptr;
+  float least_mirrored = 0;  // below it the highlight of that surface is less than a millionth
   for (int col = 0; col < job.request.camera.width; ++col) {
     const float z = depth[col];
     if (z <= 0.f) {
@@ -177,10 +179,14 @@ void light_row(const Job& job, int row, bool wants_cosine, bool wants_diffuse, b
     if (specular) {
       float value = 0.f;
       if (surface.specular > 0.f && n_light > 0.f) {
+        if (&surface != last_surface) {
+          last_surface = &surface;
+          least_mirrored = surface.shininess > 0.f ? std::exp(-14.f / surface.shininess) : 0.f;
+        }
         // R . V with R = 2 (n . L) n - L and V = -ray
         const float light_view = -(lx * x + ly * y + lz) / (r * ray_length);
         const float mirrored_view = std::min(2.f * n_light * n_view - light_view, 1.f);
-        if (mirrored_view > 0.f) value = surface.specular * std::pow(mirrored_view, surface.shininess);
+        if (mirrored_view > least_mirrored) value = surface.specular * std::pow(mirrored_view, surface.shininess);
       }
       specular[col] = value;
     }
