@@ -48,7 +48,8 @@ SimulationCache SimulationCache::standard(std::uint64_t bound_mb) {
   return SimulationCache(home ? std::string(home) + "/.cache/binrig/statistics" : "", bound_mb);
 }
 
-SimulationCache::SimulationCache(const std::string& folder, std::uint64_t bound_mb) : folder_(folder) {
+SimulationCache::SimulationCache(const std::string& folder, std::uint64_t bound_mb, bool only_shared)
+    : folder_(folder), only_shared_(only_shared) {
   if (folder_.empty()) return;
   std::error_code failed;
   fs::create_directories(folder_, failed);

@@ -13,17 +13,20 @@ class SimulationCache {
   /// In BINRIG_CACHE, else ~/.cache/binrig. At most `bound_mb` are kept: the oldest files go first. A folder that
   /// cannot be made switches the cache off.
   static SimulationCache standard(std::uint64_t bound_mb = 2048);
-  /// "" = nothing is kept.
-  explicit SimulationCache(const std::string& folder, std::uint64_t bound_mb = 2048);
+  /// "" = nothing is kept. `only_shared`: only what other recordings of the same scene can use (studies of many
+  /// recordings, each diagnosed once).
+  explicit SimulationCache(const std::string& folder, std::uint64_t bound_mb = 2048, bool only_shared = false);
 
   std::optional<std::vector<float>> get(std::uint64_t key) const;
   /// Written to a temporary name and renamed; a full disk is no error.
   void put(std::uint64_t key, const std::vector<float>& values) const;
   bool on() const { return !folder_.empty(); }
+  bool only_shared() const { return only_shared_; }
 
  private:
   std::string path(std::uint64_t key) const;
   std::string folder_;
+  bool only_shared_ = false;
 };
 
 /// Key of this very program: cached simulations of another build are never taken for its own.

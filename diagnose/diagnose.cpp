@@ -167,8 +167,8 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
   rung_options.seed = options.seed * 100000;
   std::vector<Rung> rungs;
   rungs.push_back(fit_rung(experiment, motions, data, model, {}, rung_options));
-  const auto signatures =
-      make_signatures(experiment, rungs[0].model, rungs[0].offsets, all, SignatureOptions{.seed = options.seed * 7001});
+  const auto signatures = make_signatures(experiment, signature_model(model, rungs[0].model, forward.catalogue()), all,
+                                          SignatureOptions{.seed = options.seed * 7001});
 
   SearchOptions search_options;
   std::vector<std::string> added{""};

@@ -180,12 +180,19 @@ void Experiment::simulate_capture(const Trial& trial, int c, StatVector& vector)
   put(c, statistics.finish(), vector);
 }
 
-std::vector<StatVector> Experiment::simulate(const std::vector<Trial>& trials, const std::string& what) const {
+std::vector<StatVector> Experiment::simulate(const std::vector<Trial>& trials, const std::string& what,
+                                             bool shared) const {
   const int count = static_cast<int>(trials.size());
   std::vector<StatVector> results(count);
   std::vector<std::uint64_t> keys(count);
   std::vector<int> missing;
+  const bool kept_on_disk = shared || !cache_.only_shared();
   for (int t = 0; t < count; ++t) {
+    if (!kept_on_disk) {
+      results[t].assign(layout_.size, unknown);
+      missing.push_back(t);
+      continue;
+    }
     keys[t] = mix_keys(mix_keys(program_key(), set_key_), model_key(trials[t].model, forward_.catalogue()));
     keys[t] =
         mix_keys(keys[t], mix_keys(trials[t].seed, static_cast<std::uint64_t>(trials[t].part) +
@@ -223,6 +230,7 @@ std::vector<StatVector> Experiment::simulate(const std::vector<Trial>& trials, c
     }
     bar.advance();
   });
+  if (!kept_on_disk) return results;
   for (int t : missing) cache_.put(keys[t], results[t]);
   return results;
 }

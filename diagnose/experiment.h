@@ -69,7 +69,9 @@ class Experiment {
   StatVector measure(const FrameReader& reader, std::vector<std::string>& unreadable) const;
 
   /// Statistics of simulated recordings, in parallel over captures. Same trial, same bytes; kept in the cache.
-  std::vector<StatVector> simulate(const std::vector<Trial>& trials, const std::string& progress = "") const;
+  /// `shared`: the trials do not depend on what was measured.
+  std::vector<StatVector> simulate(const std::vector<Trial>& trials, const std::string& progress = "",
+                                   bool shared = false) const;
 
   /// Number of capture simulations that were really made (not found in the cache).
   long simulated() const { return simulated_; }

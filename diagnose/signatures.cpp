@@ -77,9 +77,23 @@ double best_on_path(const Eigen::MatrixXd& gram, const Eigen::VectorXd& b, bool 
 
 }  // namespace
 
+SensorModel signature_model(const SensorModel& given, const SensorModel& fitted, const EffectCatalogue& catalogue) {
+  SensorModel model = given;
+  for (EffectInstance& effect : model.effects) {
+    const EffectDeclaration& declaration = effect.declaration(catalogue);
+    const ParameterSpec* spec = declaration.parameter(declaration.amplitude);
+    const EffectInstance* other = fitted.find(effect.id);
+    if (!spec || !spec->log_scaled || !other) continue;
+    double& value = effect.values[spec->name].value;
+    const double target = other->value(spec->name);
+    if (value > 0 && target > 0)
+      value = std::clamp(value * std::exp2(std::round(std::log2(target / value))), spec->lower, spec->upper);
+  }
+  return model;
+}
+
 std::vector<Signature> make_signatures(const Experiment& experiment, const SensorModel& model,
-                                       const std::vector<Offset>& offsets, const Hypotheses& hypotheses,
-                                       const SignatureOptions& options) {
+                                       const Hypotheses& hypotheses, const SignatureOptions& options) {
   const EffectCatalogue& catalogue = experiment.forward().catalogue();
   std::vector<Place> places;
   for (int h = 0; h < static_cast<int>(hypotheses.tested.size()); ++h)
@@ -90,20 +104,23 @@ std::vector<Signature> make_signatures(const Experiment& experiment, const Senso
   // Series from power-on are only run in full for effects that live on time.
   std::vector<std::vector<StatVector>> without(2);
   const auto trial = [&](const SensorModel& m, int seed, bool series) {
-    Trial t{m, offsets, options.seed + static_cast<std::uint64_t>(seed), Part::train, options.most_frames};
+    Trial t{m, {}, options.seed + static_cast<std::uint64_t>(seed), Part::train, options.most_frames};
     t.shorten_series = !series;
     return t;
   };
   for (int series = 0; series < 2; ++series) {
     std::vector<Trial> trials;
     for (int s = 0; s < options.seeds; ++s) trials.push_back(trial(model, s, series == 1));
-    without[series] = experiment.simulate(trials, "simulating what effects would change");
+    without[series] = experiment.simulate(trials, "simulating what effects would change", true);
   }
-  const Standard standard(experiment.layout(), experiment.simulate([&] {
-    std::vector<Trial> trials;
-    for (int s = 0; s < 6; ++s) trials.push_back(trial(model, s, true));
-    return trials;
-  }()));
+  const Standard standard(experiment.layout(), experiment.simulate(
+                                                   [&] {
+                                                     std::vector<Trial> trials;
+                                                     for (int s = 0; s < 6; ++s)
+                                                       trials.push_back(trial(model, s, true));
+                                                     return trials;
+                                                   }(),
+                                                   "", true));
 
   std::vector<Signature> result(places.size());
   constexpr int batch = 24;
@@ -119,7 +136,7 @@ std::vector<Signature> make_signatures(const Experiment& experiment, const Senso
                                                hypothesis.paths[places[i].path].atoms[places[i].atom].values);
       for (int s = 0; s < options.seeds; ++s) trials.push_back(trial(extended, s, series.back()));
     }
-    const auto with = experiment.simulate(trials, "simulating what effects would change");
+    const auto with = experiment.simulate(trials, "simulating what effects would change", true);
     parallel_for(last - first, [&](int i) {
       const std::vector<StatVector> own(with.begin() + i * options.seeds, with.begin() + (i + 1) * options.seeds);
       result[first + i] = {places[first + i].hypothesis, places[first + i].path, places[first + i].atom,

@@ -21,9 +21,14 @@ struct SignatureOptions {
   std::uint64_t seed = 7001;
 };
 
+/// The model that signatures are made of: `given` with the strength of its noise (amplitudes on a logarithmic scale)
+/// at the nearest power of 2 to the fitted one. What an effect changes in stabilised statistics hardly depends on the
+/// other parameters, so that all recordings of a scene share their signatures.
+SensorModel signature_model(const SensorModel& given, const SensorModel& fitted, const EffectCatalogue& catalogue);
+
+/// Targets stand where they nominally do.
 std::vector<Signature> make_signatures(const Experiment& experiment, const SensorModel& model,
-                                       const std::vector<Offset>& offsets, const Hypotheses& hypotheses,
-                                       const SignatureOptions& options);
+                                       const Hypotheses& hypotheses, const SignatureOptions& options);
 
 /// How well one hypothesis explains a residual, in the linear view of its signatures.
 struct LinearGain {

@@ -3,7 +3,7 @@
 //   hidden_effects --out lines.jsonl [--seeds N --strength weak,medium,strong --effects a,b --none N --pairs N ...]
 //
 // One line of JSON a recording is appended as soon as it is diagnosed; recordings that the file has already are not
-// done again. Signatures and other simulations are kept in BINRIG_CACHE.
+// done again. Signatures are kept in the folder BINRIG_CACHE.
 #include <sys/resource.h>
 
 #include <chrono>
@@ -77,7 +77,8 @@ int run(int argc, char** argv) {
   for (const auto& line : lines) done.insert(line["key"].get<std::string>());
   std::ofstream append(out, std::ios::app);
   const bench::SmallCampaign campaign;
-  SimulationCache cache = SimulationCache::standard();
+  const char* folder = std::getenv("BINRIG_CACHE");
+  SimulationCache cache(folder ? folder : "", 8192, true);
   const auto began = std::chrono::steady_clock::now();
   std::vector<nlohmann::json> chosen;
   for (const Case& c : cases_of(plan)) {

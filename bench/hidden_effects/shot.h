@@ -101,9 +101,8 @@ const std::map<std::string, Injection>& signal_injections();
 const std::map<std::string, Injection>& outside_injections();
 const Injection& injection(const std::string& name);
 
-/// Filters white noise of unit variance by an amplitude (1) over frequency (cycles/px, fy and fx); result scaled to
-/// unit standard deviation in the mean. `fixed`: every frequency has exactly its amplitude, only phases are drawn.
-cv::Mat_<float> coloured_noise(cv::Size size, Dice& dice, bool fixed,
-                               const std::function<double(double, double)>& gain);
+/// White noise filtered by an amplitude over frequency (cycles/px: fy, fx), scaled to unit standard deviation in the
+/// mean: an exact Gaussian field.
+cv::Mat_<float> coloured_noise(cv::Size size, Dice& dice, const std::function<double(double, double)>& gain);
 
 }  // namespace binrig::hidden

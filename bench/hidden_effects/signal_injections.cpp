@@ -75,7 +75,7 @@ Act spectral_noise(const Values& p, const Stand&) {
         mean += std::exp(-reach * reach *
                          (std::pow(frequency(j, shot.z.rows), 2) + std::pow(frequency(i, shot.z.cols), 2)));
     mean /= shot.z.total();
-    const cv::Mat_<float> n = coloured_noise(shot.z.size(), dice, true, [&](double fy, double fx) {
+    const cv::Mat_<float> n = coloured_noise(shot.z.size(), dice, [&](double fy, double fx) {
       return std::sqrt((1 - white) * std::exp(-reach * reach * (fx * fx + fy * fy)) / mean + white);
     });
     for (int v = 0; v < n.rows; ++v)
@@ -86,7 +86,7 @@ Act spectral_noise(const Values& p, const Stand&) {
 
 Act noise_bumps(const Values& p, const Stand&) {
   return [p](Shot& shot, Dice& dice) {
-    const cv::Mat_<float> n = coloured_noise(shot.z.size(), dice, false, [&](double fy, double fx) {
+    const cv::Mat_<float> n = coloured_noise(shot.z.size(), dice, [&](double fy, double fx) {
       return std::exp(-0.25 * std::pow((std::hypot(fx, fy) - p.at("frequency")) / p.at("width"), 2));
     });
     shot.noise += p.at("amplitude") * n;
@@ -277,8 +277,7 @@ const std::map<std::string, Injection>& signal_injections() {
   return t;
 }
 
-cv::Mat_<float> coloured_noise(cv::Size size, Dice& dice, bool fixed,
-                               const std::function<double(double, double)>& gain) {
+cv::Mat_<float> coloured_noise(cv::Size size, Dice& dice, const std::function<double(double, double)>& gain) {
   cv::Mat_<float> white(size);
   for (float& value : white) value = static_cast<float>(dice.normal());
   cv::Mat_<cv::Vec2f> line;
@@ -289,8 +288,7 @@ cv::Mat_<float> coloured_noise(cv::Size size, Dice& dice, bool fixed,
     for (int i = 0; i < size.width; ++i) {
       const double a = i + j == 0 ? 0 : gain(frequency(j, size.height), frequency(i, size.width));
       power += a * a;
-      const double length = fixed ? cv::norm(line(j, i)) / std::sqrt(static_cast<double>(size.area())) : 1;
-      line(j, i) *= static_cast<float>(a / std::max(1e-6, length));
+      line(j, i) *= static_cast<float>(a);
     }
   cv::Mat_<float> result;
   cv::dft(line, result, cv::DFT_INVERSE | cv::DFT_REAL_OUTPUT | cv::DFT_SCALE);
