@@ -146,7 +146,8 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
   diagnosis.improved = model;
   const Experiment experiment(forward, model, cache);
   const Layout& layout = experiment.layout();
-  const StatVector data = experiment.measure(reader, diagnosis.warnings);
+  const Measurement measured = experiment.measure(reader, diagnosis.warnings);
+  const StatVector& data = measured.all;
   Evidence evidence;
   evidence.lacking = lacking_data(experiment, data);
   const Hypotheses all = make_hypotheses(forward, model);
@@ -166,7 +167,7 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
   rung_options.simulations = options.simulations;
   rung_options.seed = options.seed * 100000;
   std::vector<Rung> rungs;
-  rungs.push_back(fit_rung(experiment, motions, data, model, {}, rung_options));
+  rungs.push_back(fit_rung(experiment, motions, measured, model, {}, rung_options));
   const auto signatures = make_signatures(experiment, signature_model(model, rungs[0].model, forward.catalogue()), all,
                                           SignatureOptions{.seed = options.seed * 7001});
 
@@ -188,7 +189,7 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
         left_signatures.push_back(signature);
         left_signatures.back().hypothesis = index[signature.hypothesis];
       }
-    const SearchResult found = search(experiment, rung, left, left_signatures, search_options);
+    const SearchResult found = search(experiment, rung, measured, left, left_signatures, search_options);
     if (step == 0)
       for (std::size_t h = 0; h < left.tested.size(); ++h)
         diagnosis.ranking.push_back(
@@ -219,7 +220,7 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
     for (auto& instance : start.effects)
       if (const EffectInstance* given = model.find(instance.id)) instance.values = given->values;
     const auto offsets = rung.offsets;
-    rungs.push_back(fit_rung(experiment, motions, data, start, offsets, again));
+    rungs.push_back(fit_rung(experiment, motions, measured, start, offsets, again));
     // The gain was computed with the scale of the rung before; the ladder judges by the last one's. An addition that
     // does not lower the held-out score there is no improvement, whatever its gain said.
     const auto judged = scores(layout, rungs.back(), data, rungs);

@@ -72,6 +72,11 @@ std::uint64_t offset_key(const Offset& offset) {
   return key;
 }
 
+int shortened_frames(int most_frames, bool shorten_series, const CaptureInfo& capture, int frames) {
+  const bool shorten = most_frames > 0 && (shorten_series || !capture.power_on);
+  return shorten ? std::min(frames, most_frames) : frames;
+}
+
 }  // namespace
 
 const Block* Layout::find(int capture, const std::string& segment_name) const {
@@ -142,31 +147,49 @@ void Experiment::put(int capture, const std::vector<RawStatistic>& raw, StatVect
   }
 }
 
-StatVector Experiment::measure(const FrameReader& reader, std::vector<std::string>& unreadable) const {
-  StatVector vector(layout_.size, unknown);
+Measurement Experiment::measure(const FrameReader& reader, std::vector<std::string>& unreadable,
+                                const std::vector<int>& shortened) const {
+  Measurement measured;
+  measured.all.assign(layout_.size, unknown);
+  for (const int most : shortened)
+    for (const bool series : {false, true}) measured.few[{most, series}].assign(layout_.size, unknown);
   std::mutex guard;
   parallel_for(layout_.captures, [&](int c) {
-    CaptureStatistics statistics(contexts_[c]);
+    struct Count {
+      StatVector* vector;
+      int frames;
+      std::unique_ptr<CaptureStatistics> statistics;
+    };
+    std::vector<Count> counts;
+    const auto begin = [&](StatVector& vector, int frames) {
+      StatisticContext context = contexts_[c];
+      context.frames = frames;
+      counts.push_back({&vector, frames, std::make_unique<CaptureStatistics>(context)});
+    };
+    begin(measured.all, contexts_[c].frames);
+    for (auto& [kind, vector] : measured.few)
+      begin(vector, shortened_frames(kind.first, kind.second, captures()[c], contexts_[c].frames));
     for (int i = 0; i < contexts_[c].frames; ++i) {
       try {
         const auto channels = nominal_at(c, i);
         const Frame frame = reader(c, i);
-        statistics.add(frame, channels, channels == nominal_[c] ? regions_[c] : nullptr);
+        for (Count& count : counts)
+          if (i < count.frames) count.statistics->add(frame, channels, channels == nominal_[c] ? regions_[c] : nullptr);
       } catch (const Error& error) {
         const std::lock_guard lock(guard);
         unreadable.push_back(error.what());
       }
     }
-    put(c, statistics.finish(), vector);
+    for (Count& count : counts) put(c, count.statistics->finish(), *count.vector);
   });
-  return vector;
+  return measured;
 }
 
 void Experiment::simulate_capture(const Trial& trial, int c, StatVector& vector) const {
   StatisticContext context = contexts_[c];
   SimulationRequest request;
-  if (trial.most_frames > 0 && (trial.shorten_series || !captures()[c].power_on) && context.frames > trial.most_frames)
-    request.frames = context.frames = trial.most_frames;
+  request.frames = context.frames =
+      shortened_frames(trial.most_frames, trial.shorten_series, captures()[c], context.frames);
   CaptureStatistics statistics(context);
   request.capture = c;
   request.model = &trial.model;

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -37,14 +38,24 @@ struct Layout {
 /// Which captures take part.
 enum class Part { all, train, test };
 
+/// What was measured: statistics of all frames, and of as many as shortened simulations have. Many statistics depend on
+/// the number of frames in their mean (the logarithm of a variance, the modulus of a mean), so that simulations are
+/// only ever compared with as many measured frames.
+struct Measurement {
+  StatVector all;
+  std::map<std::pair<int, bool>, StatVector> few;  ///< by Trial's most_frames and shorten_series
+  const StatVector& at(int most_frames, bool shorten_series) const {
+    return most_frames == 0 ? all : few.at({most_frames, shorten_series});
+  }
+};
+
 /// One simulation of the set.
 struct Trial {
   SensorModel model;
   std::vector<Offset> offsets;  ///< by capture; empty = nominal
   std::uint64_t seed = 1;
   Part part = Part::all;
-  /// No more than this many frames of a capture, unless it is a series from power-on: most statistics do not depend on
-  /// the number of frames but for their scatter. 0 = all.
+  /// No more than this many frames of a capture, unless it is a series from power-on. 0 = all.
   int most_frames = 0;
   bool shorten_series = false;  ///< series from power-on, too
 };
@@ -65,8 +76,10 @@ class Experiment {
   bool repeats() const;
 
   using FrameReader = std::function<Frame(int capture, int frame)>;
-  /// Statistics of measured frames. A frame that cannot be read is left out and named in `unreadable`.
-  StatVector measure(const FrameReader& reader, std::vector<std::string>& unreadable) const;
+  /// Statistics of measured frames, also of no more than `shortened` of them. A frame that cannot be read is left out
+  /// and named in `unreadable`.
+  Measurement measure(const FrameReader& reader, std::vector<std::string>& unreadable,
+                      const std::vector<int>& shortened = {2, 3}) const;
 
   /// Statistics of simulated recordings, in parallel over captures. Same trial, same bytes; kept in the cache.
   /// `shared`: the trials do not depend on what was measured.

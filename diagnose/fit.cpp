@@ -175,8 +175,10 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
   State now = evaluate(with_values(start, parameters, fit.value), fit.value);
   double damping = 1e-3;
   fit.jacobian.resize(n);
-  for (int round = 0; round < std::max(1, options.iterations); ++round) {
-    fit.rounds = round + 1;
+  std::vector<Whitened>
+      slopes;  // change of y per unit; simulated anew only where the last step kept less than it promised
+  const auto simulate_slopes = [&] {
+    slopes.resize(n);
     std::vector<Trial> trials;
     std::vector<double> step(n);
     for (int p = 0; p < n; ++p) {
@@ -190,7 +192,6 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
       for (int k = 0; k < options.seeds; ++k) trials.push_back(trial(with_values(now.model, parameters, x), k));
     }
     const auto y = whiten_all(standard, experiment.simulate(trials, "fitting parameters"));
-    std::vector<Whitened> applied(n);
     parallel_for(n, [&](int p) {
       std::vector<Whitened> differences;
       for (int k = 0; k < options.seeds; ++k) {
@@ -198,7 +199,17 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
         for (int i = 0; i < layout.size; ++i) d[i] = static_cast<float>((d[i] - now.y[k][i]) / step[p]);
         differences.push_back(std::move(d));
       }
-      fit.jacobian[p] = shrunk_mean(layout, differences);
+      slopes[p] = shrunk_mean(layout, differences);
+    });
+  };
+  bool stale = slopes.empty(), fresh = false;
+  for (int round = 0; round < std::max(1, options.iterations); ++round) {
+    fit.rounds = round + 1;
+    if (stale) simulate_slopes();
+    fresh = stale;
+    std::vector<Whitened> applied(n);
+    parallel_for(n, [&](int p) {
+      fit.jacobian[p] = slopes[p];
       for (int i = 0; i < layout.size; ++i) fit.jacobian[p][i] *= compression_slope(now.residual[i]);
       applied[p] = metric.apply(fit.jacobian[p]);
     });
@@ -214,8 +225,8 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
     fit.precision = a;
     if (options.iterations == 0) break;
     bool improved = false;
-    double gained = 0;
-    for (int attempt = 0; attempt < 6 && !improved; ++attempt) {
+    double gained = 0, promised = 0;
+    for (int attempt = 0; attempt < (fresh ? 5 : 1) && !improved; ++attempt) {
       Eigen::MatrixXd damped = a;
       damped.diagonal() *= 1 + damping;
       Eigen::VectorXd delta = damped.ldlt().solve(b);
@@ -230,6 +241,8 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
           x[p] = std::max(x[p], 0.5 * fit.value[p]);
         x[p] = parameters[p].scaled(parameters[p].natural(x[p]));
       }
+      promised = delta.dot(2 * b - a * delta);
+      if (promised < 0.5 * options.converged) break;
       State next = evaluate(with_values(now.model, parameters, x), x);
       if (next.chi < now.chi) {
         gained = now.chi - next.chi;
@@ -241,7 +254,8 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
         damping = std::max(0.01, 10 * damping);
       }
     }
-    if (!improved || gained < options.converged) {
+    stale = gained < 0.5 * promised;
+    if (gained < options.converged && (fresh || !stale)) {
       fit.converged = true;
       break;
     }

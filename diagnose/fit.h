@@ -35,7 +35,9 @@ struct FitOptions {
   double converged = 1;  ///< change of chi
   Part part = Part::train;
   std::uint64_t seed = 101;
-  std::vector<double> place;          ///< of the metric's nuisances in simulations at `offsets`, see Metric::explain
+  std::vector<double> place;  ///< of the metric's nuisances in simulations at `offsets`, see Metric::explain
+  /// Fit::slopes of a fit nearby, to begin with instead of simulating them; null = none.
+  const std::vector<Whitened>* slopes = nullptr;
   std::vector<std::string> scan_ids;  ///< instances whose whole-number parameters are varied, too
 };
 
@@ -44,7 +46,8 @@ struct Fit {
   std::vector<FitParameter> parameters;
   Eigen::VectorXd value;           ///< on the scale of the fit
   Eigen::MatrixXd precision;       ///< of value, prior included
-  std::vector<Whitened> jacobian;  ///< change of y per unit, shrunk
+  std::vector<Whitened> slopes;    ///< change of y per unit, shrunk
+  std::vector<Whitened> jacobian;  ///< the same where the residual is compressed
   Whitened residual;               ///< what the model and the nuisances leave of the data, compressed
   double chi = 0;                  ///< of Metric::explain, without the simulations' own noise, plus the prior's part
   int rounds = 0;

@@ -35,7 +35,7 @@ bool register_targets(const Layout& layout, const std::vector<SceneMotion>& moti
 
 }  // namespace
 
-Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const StatVector& data,
+Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
               const SensorModel& start, const std::vector<Offset>& offsets, const RungOptions& options) {
   const Layout& layout = experiment.layout();
   const EffectCatalogue& catalogue = experiment.forward().catalogue();
@@ -51,12 +51,13 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     const Needs& needs = e.declaration(catalogue).needs;
     return needs.power_on || needs.repeats || needs.motion;
   });
+  const StatVector& few = measured.at(short_frames, !series);
   // Again and again: the spread that the fit is weighted with is the model's own and changes with it.
   for (int pass = 0; pass < options.passes; ++pass) {
     rung.standard =
         Standard(layout, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
     const auto rows = motion_rows(layout, rung.standard, motions);
-    if (register_targets(layout, motions, rows, rung.standard.linear(data), rung.offsets))
+    if (register_targets(layout, motions, rows, rung.standard.linear(few), rung.offsets))
       rung.standard =
           Standard(layout, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
     FitOptions fit;
@@ -68,8 +69,19 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.seed = options.seed + 500;
     fit.place = values_of(motions, rung.offsets);
     if (pass + 1 == options.passes) fit.scan_ids = ids;
-    rung.fit = fit_model(experiment, rung.standard, Metric(layout, Part::train, rows), rung.standard.linear(data),
-                         rung.model, parameters, rung.offsets, fit);
+    const Metric metric(layout, Part::train, rows);
+    rung.fit = fit_model(experiment, rung.standard, metric, rung.standard.linear(few), rung.model, parameters,
+                         rung.offsets, fit);
+    if (pass + 1 == options.passes) {  // a last step with all frames
+      const std::vector<Whitened> slopes = rung.fit.slopes;
+      fit.slopes = &slopes;
+      fit.most_frames = 0;
+      fit.iterations = 1;
+      fit.scan_ids.clear();
+      const Fit found = fit_model(experiment, rung.standard, metric, rung.standard.linear(measured.all), rung.fit.model,
+                                  parameters, rung.offsets, fit);
+      rung.fit.model = found.model;
+    }
     rung.model = rung.fit.model;
   }
 
@@ -93,7 +105,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   rung.standard = Standard(layout, rung.simulations, shifts);
   shifts.clear();
   auto rows = motion_rows(layout, rung.standard, motions);
-  rung.data = rung.standard.linear(data);
+  rung.data = rung.standard.linear(measured.all);
   rung.place = values_of(motions, rung.offsets);
 
   FitOptions derivatives;
@@ -106,8 +118,9 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   derivatives.place = rung.place;
   const int rounds = rung.fit.rounds;
   const bool converged = rung.fit.converged;
-  rung.fit = fit_model(experiment, rung.standard, Metric(layout, Part::train, rows), rung.standard.linear(data),
-                       rung.model, parameters, rung.offsets, derivatives);
+  rung.fit =
+      fit_model(experiment, rung.standard, Metric(layout, Part::train, rows),
+                rung.standard.linear(measured.at(3, !series)), rung.model, parameters, rung.offsets, derivatives);
   rung.fit.rounds = rounds;
   rung.fit.converged = converged;
 

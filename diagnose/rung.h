@@ -34,7 +34,7 @@ struct RungOptions {
 Whitened rest_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place);
 
 /// Fits poses and parameters from a start and learns the model's randomness.
-Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const StatVector& data,
+Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
               const SensorModel& start, const std::vector<Offset>& offsets, const RungOptions& options);
 
 }  // namespace binrig

@@ -28,8 +28,8 @@ Remainder remainder_of(const Experiment& experiment, const Rung& rung, const Sen
   return {std::move(simulated.mean), train.chi, test.chi};
 }
 
-Refined refine(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis, const LinearGain& start,
-               const SearchOptions& options) {
+Refined refine(const Experiment& experiment, const Rung& rung, const Measurement& measured,
+               const Hypothesis& hypothesis, const LinearGain& start, const SearchOptions& options) {
   const EffectCatalogue& catalogue = experiment.forward().catalogue();
   SensorModel model = rung.model;
   Refined refined;
@@ -46,16 +46,27 @@ Refined refine(const Experiment& experiment, const Rung& rung, const Hypothesis&
   fit.seed = options.seed + 40;
   fit.place = rung.place;
   fit.scan_ids = {refined.id};
-  refined.fit = fit_model(experiment, rung.standard, rung.train, rung.data, model,
-                          fit_parameters(model, catalogue, {refined.id}), rung.offsets, fit);
+  const auto parameters = fit_parameters(model, catalogue, {refined.id});
+  const Whitened few = rung.standard.linear(measured.at(fit.most_frames, fit.shorten_series));
+  refined.fit = fit_model(experiment, rung.standard, rung.train, few, model, parameters, rung.offsets, fit);
+  if (!parameters.empty()) {  // a last step with all frames
+    const std::vector<Whitened> slopes = refined.fit.slopes;
+    fit.slopes = &slopes;
+    fit.most_frames = 0;
+    fit.iterations = 1;
+    fit.scan_ids.clear();
+    refined.fit =
+        fit_model(experiment, rung.standard, rung.train, rung.data, refined.fit.model, parameters, rung.offsets, fit);
+  }
   refined.model = refined.fit.model;
   return refined;
 }
 
 }  // namespace
 
-SearchResult search(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
-                    const std::vector<Signature>& signatures, const SearchOptions& options) {
+SearchResult search(const Experiment& experiment, const Rung& rung, const Measurement& measured,
+                    const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
+                    const SearchOptions& options) {
   SearchResult result;
   const int count = static_cast<int>(hypotheses.tested.size());
   const Ranking ranking(experiment, rung, hypotheses, signatures);
@@ -89,7 +100,7 @@ SearchResult search(const Experiment& experiment, const Rung& rung, const Hypoth
   for (int h : order) {
     if (static_cast<int>(result.refined.size()) >= options.refine) break;
     if (result.linear[h].gain / rung.dispersion - result.prices[h] < result.gate) continue;
-    Refined refined = refine(experiment, rung, hypotheses.tested[h], result.linear[h], options);
+    Refined refined = refine(experiment, rung, measured, hypotheses.tested[h], result.linear[h], options);
     refined.price = result.prices[h];
     refined.p = result.p_values[h];
     const Remainder with = remainder_of(experiment, rung, refined.model, options);

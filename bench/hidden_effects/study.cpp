@@ -89,7 +89,7 @@ std::map<std::string, double> disagreement(const SceneForwardModel& forward, con
   const Standard standard(experiment.layout(), experiment.simulate(trials));
   std::vector<std::string> unreadable;
   const Whitened y = standard.standardise(
-      experiment.measure([&](int capture, int frame) { return truth.recording[capture][frame]; }, unreadable));
+      experiment.measure([&](int capture, int frame) { return truth.recording[capture][frame]; }, unreadable).all);
   std::map<std::string, double> square, count;
   for (const Block& block : experiment.layout().blocks)
     for (int i = block.offset; i < block.offset + block.size; ++i) {

@@ -43,15 +43,30 @@ Campaign small_captures() {
   return campaign;
 }
 
+Campaign quick_captures() {
+  Campaign campaign(bins_seed);
+  constexpr int frames = 3;
+  campaign.plane("train", "plane_720", frames, 720);
+  campaign.plane("train", "plane_880", frames, 880);
+  campaign.plane("train", "tilt", frames, 800, 20 * degree, 38 * degree);
+  campaign.capture("train", "step", campaign.step(-12, 6, 850, 12 * degree), frames);
+  campaign.capture("train", "chart", campaign.chart(800), frames);
+  campaign.plane("test", "plane_800", frames, 800);
+  campaign.plane("test", "tilt_2", frames, 780, 42 * degree, -15 * degree);
+  campaign.capture("test", "step_2", campaign.step(20, -8, 830, 75 * degree), frames);
+  campaign.capture("test", "chart_2", campaign.chart(760), frames);
+  return campaign;
+}
+
 }  // namespace
 
-SmallCampaign::SmallCampaign() {
+SmallCampaign::SmallCampaign(bool quick) {
   std::string name = (std::filesystem::temp_directory_path() / "small-campaign-XXXXXX").string();
   if (!mkdtemp(name.data())) throw Error("no scratch folder can be made at " + name);
   folder_ = name;
   SetInfo info = campaign_sensor();
   info.sensor.name = "small campaign";
-  const Campaign campaign = small_captures();
+  const Campaign campaign = quick ? quick_captures() : small_captures();
   write_nominal(folder_ / "set", info, camera_from_field_of_view(128, 96, 16.06 * degree), 0.02, campaign.models(),
                 campaign.captures());
   forward_ = std::make_unique<SceneForwardModel>(RecordingSet::open(folder_ / "set"));

@@ -18,7 +18,8 @@ namespace binrig::bench {
 /// to a scratch folder, which goes with the object; depth images are made in memory.
 class SmallCampaign {
  public:
-  SmallCampaign();
+  /// `quick`: the fewest captures that still show most effects, for tests.
+  explicit SmallCampaign(bool quick = false);
   ~SmallCampaign();
   SmallCampaign(const SmallCampaign&) = delete;
   SmallCampaign& operator=(const SmallCampaign&) = delete;

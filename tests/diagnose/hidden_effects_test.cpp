@@ -1,0 +1,105 @@
+// The diagnosis asked about recordings whose truth is known: a small part of bench/hidden_effects.
+#include <gtest/gtest.h>
+
+#include "bench/hidden_effects/study.h"
+#include "core/progress.h"
+#include "diagnose/score.h"
+#include "sim/effect.h"
+#include "tests/support/recordings.h"
+
+namespace binrig {
+namespace {
+
+using hidden::Case;
+
+/// One scene and one set of signatures for all tests here.
+struct World {
+  test::ScratchFolder folder;
+  bench::SmallCampaign campaign{true};
+  SimulationCache cache{folder.path(), 2048, true};
+  const SceneForwardModel& forward() const { return campaign.forward(); }
+};
+World& world() {
+  static auto* const world = new World;  // never destroyed: threads of other tests may still end
+  return *world;
+}
+
+Diagnosis answer(const Case& c) {
+  DiagnosisOptions options;
+  options.simulations = 20;
+  options.most_effects = 2;
+  return hidden::ask(world().forward(), hidden::make_truth(world().forward(), c), world().cache, options);
+}
+
+std::vector<std::string> names(const Diagnosis& diagnosis) {
+  std::vector<std::string> list;
+  for (const auto& candidate : diagnosis.candidates) list.push_back(candidate.effect);
+  return list;
+}
+
+// Two implementations of each formula, written apart: what they make of the same instrument differs by the randomness
+// of the recordings alone (mean square 1 in units of the catalogue's own scatter, 1.3 with the scatter of the mean of
+// four simulations; practical floors make it less). Beyond 2 one of the two is wrong.
+TEST(HiddenData, AgreeWithTheCatalogueInEverySegment) {
+  for (const char* effect :
+       {"radial_distortion", "pixel_locking", "edge_fattening", "lateral_noise", "low_confidence", "second_shadow",
+        "low_signal_noise", "heavy_tails", "noise_bumps", "vibration", "smoothing", "hole_filling",
+        "disparity_quantisation", "temporal_filter", "border_band", "dust", "depth_units"}) {
+    const auto truth = hidden::make_truth(world().forward(), {"one", {effect}, Strength::strong, 3});
+    for (const auto& [segment, square] : hidden::disagreement(world().forward(), truth, world().cache, 4))
+      EXPECT_LT(square, 2) << effect << ", " << segment;
+  }
+}
+
+TEST(HiddenEffects, AreNamedFirst) {
+  for (const char* effect : {"radial_distortion", "row_noise", "random_dropout"}) {
+    const Diagnosis diagnosis = answer({"one", {effect}, Strength::strong, 1});
+    ASSERT_FALSE(diagnosis.candidates.empty()) << effect << ": " << diagnosis.headline;
+    EXPECT_EQ(diagnosis.candidates[0].effect, effect) << diagnosis.headline;
+    EXPECT_LT(diagnosis.ladder[1].score.heldout, diagnosis.ladder[0].score.heldout) << effect;
+  }
+}
+
+TEST(HiddenEffects, NothingHiddenNothingNamed) {
+  const Diagnosis diagnosis = answer({"none", {}, Strength::medium, 1});
+  EXPECT_TRUE(names(diagnosis).empty()) << diagnosis.headline;
+  EXPECT_EQ(diagnosis.verdict, Verdict::nothing_missing) << diagnosis.headline;
+}
+
+TEST(HiddenEffects, AnEffectThatNoCatalogueHasIsUnknown) {
+  const Diagnosis diagnosis = answer({"outside", {"step_across_a_line"}, Strength::strong, 1});
+  EXPECT_EQ(diagnosis.verdict, Verdict::unknown_effect) << diagnosis.headline;
+  ASSERT_FALSE(diagnosis.unexplained.empty());
+}
+
+// A model cannot look better by becoming noisier: on the ladder's scale, whichever of the two models it is frozen at.
+TEST(Ladder, RandomnessThatIsNotThereNeverScoresBetter) {
+  const SceneForwardModel& forward = world().forward();
+  const SensorModel right = bench::five_effect_model();
+  const auto recording = bench::simulated_recording(forward, right, bench::drawn_offsets(forward, 5), 5);
+  const Experiment experiment(forward, right, world().cache);
+  std::vector<std::string> unreadable;
+  const Measurement measured = experiment.measure([&](int c, int i) { return recording[c][i]; }, unreadable);
+  const auto motions =
+      scene_motions(experiment, right, registration_prior(forward.set(), experiment.nominal(0).camera));
+  const RungOptions as_given{.simulations = 16, .passes = 0};
+  std::vector<Rung> rungs{fit_rung(experiment, motions, measured, right, {}, as_given)};
+
+  SensorModel shaking = right, patterned = right, noisy = right;
+  add_effect(shaking, effect_catalogue(), "vibration", {{"amplitude", 0.12}});
+  add_effect(patterned, effect_catalogue(), "fixed_pattern_noise", {{"amplitude", 0.1}});
+  for (auto& effect : noisy.effects)
+    if (effect.effect == "spectral_noise") effect.values["sigma"].value *= 2;
+  for (const SensorModel& worse : {shaking, patterned, noisy}) {
+    rungs.resize(1);
+    rungs.push_back(fit_rung(experiment, motions, measured, worse, {}, as_given));
+    for (const Rung& scale : rungs) {
+      const auto judged = scores(experiment.layout(), scale, measured.all, rungs);
+      EXPECT_GT(judged[1].heldout, judged[0].heldout) << worse.effects.back().id;
+      EXPECT_GT(judged[1].proper, judged[0].proper) << worse.effects.back().id;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace binrig
