@@ -299,7 +299,10 @@ void write_intervals(SensorModel& model, const Fit& fit, double dispersion, cons
     const auto& parameter = fit.parameters[p];
     auto* instance = find_instance(model, parameter.id);
     if (!instance) continue;
-    const double half = 1.96 * std::sqrt(std::max(0.0, dispersion * covariance(p, p)));
+    double deviation = std::sqrt(std::max(0.0, dispersion * covariance(p, p)));
+    if (fit.scatter.size() == n) deviation = std::max(deviation, fit.scatter[p]);
+    // The simulations that the data were compared with scatter, too: two of them, as far as the data do.
+    const double half = 1.96 * std::sqrt(1.5) * deviation;
     auto& value = instance->values[parameter.name];
     value.value = parameter.natural(fit.value[p]);
     if (parameter.circular)

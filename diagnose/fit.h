@@ -44,8 +44,11 @@ struct FitOptions {
 struct Fit {
   SensorModel model;
   std::vector<FitParameter> parameters;
-  Eigen::VectorXd value;           ///< on the scale of the fit
-  Eigen::MatrixXd precision;       ///< of value, prior included
+  Eigen::VectorXd value;      ///< on the scale of the fit
+  Eigen::MatrixXd precision;  ///< of value, prior included
+  /// Standard deviation of the estimates over simulations of the fitted model, each taken for the data: what the
+  /// precision does not know of (neighbouring cells that move together). Empty = not known.
+  Eigen::VectorXd scatter;
   std::vector<Whitened> slopes;    ///< change of y per unit, shrunk
   std::vector<Whitened> jacobian;  ///< the same where the residual is compressed
   Whitened residual;               ///< what the model and the nuisances leave of the data, compressed
@@ -65,7 +68,8 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
               const SensorModel& start, const std::vector<FitParameter>& parameters, const std::vector<Offset>& offsets,
               const FitOptions& options);
 
-/// The model with the fit's values, 95 % intervals from its precision (widened by `dispersion`), and provenance.
+/// The model with the fit's values, 95 % intervals from its scatter or its precision (widened by `dispersion`),
+/// whichever is wider, and provenance.
 void write_intervals(SensorModel& model, const Fit& fit, double dispersion, const std::string& provenance);
 
 }  // namespace binrig

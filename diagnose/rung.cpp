@@ -137,7 +137,18 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   parallel_for(static_cast<int>(rung.simulations.size()),
                [&](int k) { rung.nulls[k] = rung.standard.linear(rung.simulations[k]); });
   double null_square = 0;
-  for (const auto& null : rung.nulls) null_square += rung.train.explain(null).chi / rung.nulls.size();
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(n), square = sum;
+  for (const auto& null : rung.nulls) {
+    const Explained own = rung.train.explain(null);
+    null_square += own.chi / rung.nulls.size();
+    for (int p = 0; p < n; ++p) {
+      const double value = own.values[motions.size() + p] * rung.fit.parameters[p].prior_sigma;
+      sum[p] += value;
+      square[p] += value * value;
+    }
+  }
+  if (const double count = static_cast<double>(rung.nulls.size()); count > 1)
+    rung.fit.scatter = ((square - sum.cwiseProduct(sum) / count) / (count - 1)).cwiseMax(0).cwiseSqrt();
   if (null_square > 0) rung.dispersion = std::max(1.0, rung.train.explain(rung.data, rung.place).chi / null_square);
   rung.rest = rest_of(rung, rung.data, rung.place);
   return rung;
