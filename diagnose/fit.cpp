@@ -114,13 +114,12 @@ MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector
   result.mean.assign(y[0].size(), 0.f);
   for (const auto& one : y)
     for (std::size_t i = 0; i < one.size(); ++i) result.mean[i] += one[i] / k;
-  result.noise.assign(y[0].size(), 0.f);
-  if (k > 1)
-    for (const auto& one : y)
-      for (std::size_t i = 0; i < one.size(); ++i) {
-        const float d = one[i] - result.mean[i];
-        result.noise[i] += d * d / (k * (k - 1.f));
-      }
+  if (k > 1) {
+    const float scale = 1.f / std::sqrt(k * (k - 1.f));
+    result.noise = y;
+    for (auto& one : result.noise)
+      for (std::size_t i = 0; i < one.size(); ++i) one[i] = scale * (one[i] - result.mean[i]);
+  }
   return result;
 }
 
@@ -166,7 +165,7 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
     const MeanOfSimulations mean = mean_of(standard, simulations);
     Whitened difference = data;
     for (int i = 0; i < layout.size; ++i) difference[i] -= mean.mean[i];
-    Explained explained = metric.explain(difference, options.place, {}, &mean.noise);
+    Explained explained = metric.explain(difference, options.place, {}, mean.noise);
     state.residual = std::move(explained.rest);
     state.chi = explained.chi + prior_part(x);
     return state;

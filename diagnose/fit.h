@@ -57,9 +57,10 @@ struct Fit {
   bool converged = false;
 };
 
-/// Mean of whitened (not compressed) simulations, and its variance by element.
+/// Mean of whitened (not compressed) simulations, and how far each is from it, scaled to the mean's own error.
 struct MeanOfSimulations {
-  Whitened mean, noise;
+  Whitened mean;
+  std::vector<Whitened> noise;
 };
 MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector>& simulations);
 

@@ -78,61 +78,77 @@ Whitened Metric::apply(const Whitened& v) const {
 
 std::vector<double> Metric::estimate(const Whitened& y) const { return explain(y).values; }
 
+double Metric::project(Whitened& rest, std::vector<double>* values, Eigen::VectorXd* global) const {
+  const int g = static_cast<int>(global_.size());
+  double prior = 0;
+  if (g > 0) {
+    Eigen::VectorXd b(g);
+    for (int k = 0; k < g; ++k) b[k] = dot(global_applied_[k], rest);
+    const Eigen::VectorXd x = inverse_ * b;
+    for (int k = 0; k < g; ++k) {
+      const float a = static_cast<float>(x[k]);
+      for (const auto& [begin, end] : spans_)
+        for (int i = begin; i < end; ++i) rest[i] -= a * global_[k][i];
+      if (values) (*values)[global_index_[k]] = x[k];
+    }
+    if (global) *global = x;
+    prior += x.dot(prior_ * x);
+  }
+  for (const auto& group : groups_) {
+    Eigen::Map<Eigen::VectorXf> part(rest.data() + group.begin, group.end - group.begin);
+    const Eigen::VectorXd x = group.inverse * (group.change * part).cast<double>();
+    part -= group.change.transpose() * x.cast<float>();
+    for (std::size_t r = 0; values && r < group.rows.size(); ++r) (*values)[group.rows[r]] = x[static_cast<int>(r)];
+    prior += x.squaredNorm();
+  }
+  return prior;
+}
+
 Explained Metric::explain(const Whitened& residual, const std::vector<double>& place,
-                          const Eigen::VectorXd& global_centre, const Whitened* noise) const {
+                          const Eigen::VectorXd& global_centre, const std::vector<Whitened>& noise) const {
   constexpr float largest = 200.f;  // beyond: nothing that a small motion does
   const int g = static_cast<int>(global_.size());
   const auto at = [&](int row) { return place.empty() ? 0.0 : place[row]; };
-  const auto centre = [&](int k) { return global_centre.size() ? global_centre[k] : 0.0; };
   Explained result;
   result.values.assign(row_count_, 0);
   result.global = Eigen::VectorXd::Zero(g);
   // As if every nuisance stood at its prior's centre.
+  const auto counted = [&](const Whitened& v) {
+    Whitened part(size_, 0.f);
+    for (const auto& [begin, end] : spans_)
+      for (int i = begin; i < end; ++i) part[i] = std::clamp(v[i], -largest, largest);
+    return part;
+  };
+  result.rest = counted(residual);
   Whitened& rest = result.rest;
-  rest.assign(size_, 0.f);
-  for (const auto& [begin, end] : spans_)
-    for (int i = begin; i < end; ++i) rest[i] = std::clamp(residual[i], -largest, largest);
-  const auto add = [&](int k, double amount) {
-    if (amount == 0) return;
-    const float a = static_cast<float>(amount);
+  for (int k = 0; k < g; ++k) {
+    const float a = static_cast<float>(at(global_index_[k]) - (global_centre.size() ? global_centre[k] : 0.0));
+    if (a == 0) continue;
     for (const auto& [begin, end] : spans_)
       for (int i = begin; i < end; ++i) rest[i] += a * global_[k][i];
-  };
-  for (int k = 0; k < g; ++k) add(k, at(global_index_[k]) - centre(k));
+  }
   for (const auto& group : groups_) {
     Eigen::VectorXf x(group.rows.size());
     for (std::size_t r = 0; r < group.rows.size(); ++r) x[static_cast<int>(r)] = static_cast<float>(at(group.rows[r]));
     if (x.isZero()) continue;
     Eigen::Map<Eigen::VectorXf>(rest.data() + group.begin, group.end - group.begin) += group.change.transpose() * x;
   }
-  if (g > 0) {
-    Eigen::VectorXd b(g);
-    for (int k = 0; k < g; ++k) b[k] = dot(global_applied_[k], rest);
-    const Eigen::VectorXd x = inverse_ * b;
-    for (int k = 0; k < g; ++k) {
-      add(k, -x[k]);
-      result.global[k] = result.values[global_index_[k]] = x[k] + centre(k);
-    }
-    result.chi += x.dot(prior_ * x);
-  }
-  for (const auto& group : groups_) {
-    Eigen::Map<Eigen::VectorXf> part(rest.data() + group.begin, group.end - group.begin);
-    const Eigen::VectorXd x = group.inverse * (group.change * part).cast<double>();
-    part -= group.change.transpose() * x.cast<float>();
-    for (std::size_t r = 0; r < group.rows.size(); ++r) result.values[group.rows[r]] = x[static_cast<int>(r)];
-    result.chi += x.squaredNorm();
+  result.chi = project(rest, &result.values, &result.global);
+  if (global_centre.size()) {
+    result.global += global_centre;
+    for (int k = 0; k < g; ++k) result.values[global_index_[k]] = result.global[k];
   }
   compress(rest);
-  for (const auto& [begin, end] : spans_) {
-    double square = 0;
-    for (int i = begin; i < end; ++i) {
-      square += static_cast<double>(rest[i]) * rest[i];
-      if (noise) {
-        const double slope = compression_slope(rest[i]);
-        square -= slope * slope * (*noise)[i];
+  for (const auto& [begin, end] : spans_)
+    for (int i = begin; i < end; ++i) result.chi += static_cast<double>(rest[i]) * rest[i];
+  for (const Whitened& one : noise) {
+    Whitened part = counted(one);
+    result.chi -= project(part, nullptr, nullptr);
+    for (const auto& [begin, end] : spans_)
+      for (int i = begin; i < end; ++i) {
+        const double p = compression_slope(rest[i]) * part[i];
+        result.chi -= p * p;
       }
-    }
-    result.chi += square;
   }
   return result;
 }

@@ -42,10 +42,10 @@ class Metric {
   /// mistaken for something else because it was squeezed first). `place`: where the nuisances stand in the residual,
   /// in prior sigmas from nominal, by row; empty = nominal. The prior is centred on nominal, so that a hypothesis that
   /// needs no shift of the targets is the better for it; `global_centre`, if given, is where the global rows' prior is
-  /// centred instead (what another part of the data says). `noise`: variance by element that is no misfit (of the mean
-  /// of few simulations); its part is taken off chi.
+  /// centred instead (what another part of the data says). `noise`: residuals that are no misfit
+  /// (deviations of few simulations from their mean, scaled to its error); what they would add to chi is taken off.
   Explained explain(const Whitened& residual, const std::vector<double>& place = {},
-                    const Eigen::VectorXd& global_centre = {}, const Whitened* noise = nullptr) const;
+                    const Eigen::VectorXd& global_centre = {}, const std::vector<Whitened>& noise = {}) const;
   /// Posterior precision of the global rows: their prior for another part of the data.
   const Eigen::MatrixXd& global_posterior() const { return posterior_; }
   Part part() const { return part_; }
@@ -58,6 +58,9 @@ class Metric {
     Eigen::MatrixXd inverse;  // (N N' + 1)^-1
   };
   void apply_local(Whitened& v) const;
+  /// Takes the nuisances' most probable values out of a residual at the prior's centre, not compressed; returns the
+  /// prior's part of chi.
+  double project(Whitened& rest, std::vector<double>* values, Eigen::VectorXd* global) const;
 
   Part part_ = Part::all;
   std::vector<std::pair<int, int>> spans_;  // that count

@@ -23,8 +23,8 @@ Remainder remainder_of(const Experiment& experiment, const Rung& rung, const Sen
   MeanOfSimulations simulated = mean_of(rung.standard, experiment.simulate(trials, "refining hypotheses"));
   Whitened difference = rung.data;
   for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= simulated.mean[i];
-  const Explained train = rung.train.explain(difference, rung.place, {}, &simulated.noise);
-  const Explained test = rung.test.explain(difference, rung.place, train.global, &simulated.noise);
+  const Explained train = rung.train.explain(difference, rung.place, {}, simulated.noise);
+  const Explained test = rung.test.explain(difference, rung.place, train.global, simulated.noise);
   return {std::move(simulated.mean), train.chi, test.chi};
 }
 
