@@ -247,7 +247,7 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
     std::erase_if(without.effects, [&](const EffectInstance& e) { return e.id == id; });
     RungOptions again = rung_options;
     again.simulations = 16;
-    std::vector<Rung> pair{rungs.back(), fit_rung(experiment, motions, data, without, rungs.back().offsets, again)};
+    std::vector<Rung> pair{rungs.back(), fit_rung(experiment, motions, measured, without, rungs.back().offsets, again)};
     const auto judged = scores(layout, pair[0], data, pair);
     if (judged[1].heldout > judged[0].heldout) {
       ++k;

@@ -52,7 +52,7 @@ TEST(HiddenData, AgreeWithTheCatalogueInEverySegment) {
 }
 
 TEST(HiddenEffects, AreNamedFirst) {
-  for (const char* effect : {"radial_distortion", "row_noise", "random_dropout"}) {
+  for (const char* effect : {"radial_distortion", "row_noise"}) {
     const Diagnosis diagnosis = answer({"one", {effect}, Strength::strong, 1});
     ASSERT_FALSE(diagnosis.candidates.empty()) << effect << ": " << diagnosis.headline;
     EXPECT_EQ(diagnosis.candidates[0].effect, effect) << diagnosis.headline;
