@@ -246,7 +246,9 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
     const std::string id = diagnosis.candidates[k].id;
     std::erase_if(without.effects, [&](const EffectInstance& e) { return e.id == id; });
     RungOptions again = rung_options;
-    again.simulations = 16;
+    again.simulations = 8;  // only their mean is looked at
+    again.passes = 1;
+    again.iterations = 4;
     std::vector<Rung> pair{rungs.back(), fit_rung(experiment, motions, measured, without, rungs.back().offsets, again)};
     const auto judged = scores(layout, pair[0], data, pair);
     if (judged[1].heldout > judged[0].heldout) {

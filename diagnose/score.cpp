@@ -69,7 +69,8 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
       for (int i = block.offset; i < block.offset + block.size; ++i) {
         const float d = difference[i], s = model->spread()[i];
         if (std::isnan(d) || s <= 0) continue;
-        proper += static_cast<double>(d) * d / s / s + 2 * std::log(s);
+        // Where the targets really stood is no fault of the model: rung.rest is free of it.
+        proper += static_cast<double>(rung.rest[i]) * rung.rest[i] + 2 * std::log(s);
         known += 1;
         if (name == "bias") bias += static_cast<double>(d) * d, bias_count += 1;
         if (name == "noise") noise += d, noise_count += 1;
