@@ -2,6 +2,8 @@
 #include <cmath>
 #include <numbers>
 
+#include <opencv2/core.hpp>
+
 #include "bench/hidden_effects/shot.h"
 
 namespace binrig::hidden {

@@ -5,6 +5,8 @@
 #include <limits>
 #include <numbers>
 
+#include <opencv2/core.hpp>
+
 #include "core/error.h"
 #include "core/parallel.h"
 #include "sim/effect.h"

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include <opencv2/core.hpp>
+#include <opencv2/core/mat.hpp>
 
 #include "core/effect_declaration.h"
 #include "core/random.h"

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "bench/hidden_effects/study.h"
 #include "compare/probability.h"
