@@ -268,10 +268,11 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
       for (const auto& spec : now.model.effects[e].declaration(catalogue).parameters) {
         if (spec.kind != ParameterKind::integer && spec.interpolate) continue;
         for (double direction : {1.0, -1.0})
-          for (int moves = 0; moves < 2; ++moves) {
+          for (int moves = 0; moves < (spec.either_sign ? 5 : 2); ++moves) {
             const double value = now.model.effects[e].value(spec.name);
-            const double step =
-                spec.kind == ParameterKind::integer ? std::max(1.0, std::round(0.25 * value)) : 0.2 * value;
+            const double step = spec.kind == ParameterKind::integer ? std::max(1.0, std::round(0.25 * value))
+                                : spec.either_sign                  ? 0.06 * spec.typical_high
+                                                                    : 0.2 * value;
             const double other = std::clamp(value + direction * step, spec.lower, spec.upper);
             if (other == value) break;
             SensorModel changed = now.model;

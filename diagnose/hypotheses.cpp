@@ -64,6 +64,20 @@ Hypothesis make(const EffectDeclaration& effect) {
       shapes.push_back(shape);
     }
   }
+  // Two parameters that each value stands for itself in are a place: a grid of places, so close that a strong atom on
+  // each leaves no gap.
+  std::vector<const ParameterSpec*> place;
+  for (const auto& spec : effect.parameters)
+    if (&spec != amplitude && spec.either_sign && is_discrete(spec)) place.push_back(&spec);
+  const std::size_t first_place = shapes.size();
+  if (place.size() == 2)
+    for (int row = 0; row < 5; ++row)
+      for (int col = 0; col < 6; ++col) {
+        auto shape = initial;
+        shape[place[0]->name] = clip(*place[0], (-0.8 + 0.32 * col) * place[0]->typical_high);
+        shape[place[1]->name] = clip(*place[1], (-0.6 + 0.3 * row) * place[1]->typical_high);
+        shapes.push_back(shape);
+      }
   for (std::size_t k = 0; k < shapes.size(); ++k) {
     StrengthPath path;
     path.interpolate = !is_discrete(*amplitude);
@@ -71,6 +85,7 @@ Hypothesis make(const EffectDeclaration& effect) {
     for (double a : amplitudes(effect, *amplitude, k == 0 && !phase)) {
       Atom atom{shapes[k]};
       atom.values[effect.amplitude] = a;
+      if (k >= first_place) atom.values[effect.amplitude] = clip(*amplitude, strength_value(effect, Strength::strong));
       path.atoms.push_back(atom);
     }
     if (phase)

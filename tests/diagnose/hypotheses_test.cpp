@@ -90,5 +90,25 @@ TEST(Hypotheses, PhasesComeInPairsAQuarterApart) {
   EXPECT_GT(pairs, 2) << "the catalogue has several periodic effects";
 }
 
+// Wherever in the image a spot is, some atom of the hypothesis lies upon it (spots of medium size; image coordinates,
+// half the image wide = 1, here of a 4 : 3 image 128 px wide).
+TEST(Hypotheses, PlacesCoverTheImage) {
+  const NoMotion forward;
+  for (const auto& h : make_hypotheses(forward, one_effect_model()).tested) {
+    if (h.effect != "dust") continue;
+    const double medium_px = strength_value(*h.declaration, Strength::medium);
+    for (double y = -0.7; y <= 0.7; y += 0.05)
+      for (double x = -0.95; x <= 0.95; x += 0.05) {
+        double overlap_px = -1e9;
+        for (const auto& path : h.paths)
+          for (const auto& atom : path.atoms) {
+            const double apart_px = 64 * std::hypot(atom.values.at("x") - x, atom.values.at("y") - y);
+            overlap_px = std::max(overlap_px, atom.values.at("radius") + medium_px - apart_px);
+          }
+        EXPECT_GT(overlap_px, 0) << x << ", " << y;
+      }
+  }
+}
+
 }  // namespace
 }  // namespace binrig
