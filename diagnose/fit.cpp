@@ -174,8 +174,8 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
   State now = evaluate(with_values(start, parameters, fit.value), fit.value);
   double damping = 1e-3;
   fit.jacobian.resize(n);
-  std::vector<Whitened>
-      slopes;  // change of y per unit; simulated anew only where the last step kept less than it promised
+  // Change of y per unit; simulated anew unless the last step was short and kept what it promised.
+  std::vector<Whitened> slopes;
   const auto simulate_slopes = [&] {
     slopes.resize(n);
     std::vector<Trial> trials;
@@ -202,10 +202,12 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
     });
   };
   bool stale = slopes.empty(), fresh = false;
-  for (int round = 0; round < std::max(1, options.iterations); ++round) {
-    fit.rounds = round + 1;
-    if (stale) simulate_slopes();
+  int simulated_slopes = 0;  // what costs; a step with kept slopes costs one simulation
+  for (;;) {
+    if (stale && simulated_slopes >= std::max(1, options.iterations)) break;
+    if (stale) simulate_slopes(), ++simulated_slopes;
     fresh = stale;
+    ++fit.rounds;
     std::vector<Whitened> applied(n);
     parallel_for(n, [&](int p) {
       fit.jacobian[p] = slopes[p];
@@ -253,11 +255,12 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
         damping = std::max(0.01, 10 * damping);
       }
     }
-    stale = gained < 0.5 * promised;
-    if (gained < options.converged && (fresh || !stale)) {
+    if (gained < options.converged && fresh) {
       fit.converged = true;
       break;
     }
+    // Slopes of far away lead into the wrong one of two valleys: they are only kept near the end.
+    stale = gained < options.converged || gained < 0.5 * promised || gained > 0.01 * now.chi;
   }
 
   if (!options.scan_ids.empty()) {

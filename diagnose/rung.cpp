@@ -11,7 +11,7 @@
 namespace binrig {
 namespace {
 
-constexpr int short_frames = 2;
+constexpr int short_frames = 3;
 
 /// A handful of short simulations for the weights of a fit.
 std::vector<StatVector> short_simulations(const Experiment& experiment, const SensorModel& model,
@@ -65,7 +65,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.most_frames = short_frames;
     fit.shorten_series = !series;
     fit.iterations = options.iterations;
-    fit.converged = 5;
+    fit.converged = 1;
     fit.seed = options.seed + 500;
     fit.place = values_of(motions, rung.offsets);
     if (pass + 1 == options.passes) fit.scan_ids = ids;
