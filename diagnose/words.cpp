@@ -14,6 +14,9 @@ std::string list(const std::vector<std::string>& names) {
   return fmt::format("{} and {}", fmt::join(names.begin(), names.end() - 1, ", "), names.back());
 }
 
+/// Two digits, never as a power of ten.
+std::string times(double ratio) { return ratio < 10 ? fmt::format("{:.2g}", ratio) : fmt::format("{:.0f}", ratio); }
+
 std::string fall(const Diagnosis& diagnosis) {
   if (diagnosis.ladder.size() < 2) return "";
   return fmt::format("adding {} takes the error on captures held out from {:.2g} to {:.2g} (the floor is 1)",
@@ -42,8 +45,9 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
       diagnosis.headline =
           fmt::format("Something is missing that no known effect explains; it shows in {}.", list(segments));
       if (!names.empty())
-        diagnosis.reasons.push_back(fmt::format("The nearest known effects are {}: {}. Do not take them for the cause.",
-                                                list(names), fall(diagnosis)));
+        diagnosis.reasons.push_back(fmt::format("The nearest known {} {}: {}. Do not take {} for the cause.",
+                                                names.size() == 1 ? "effect is" : "effects are", list(names),
+                                                fall(diagnosis), names.size() == 1 ? "it" : "them"));
       break;
     case Verdict::not_enough_data:
       diagnosis.headline = "This recording cannot answer the question.";
@@ -64,7 +68,7 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
     }
   for (const auto& entry : diagnosis.unexplained) {
     std::string text =
-        fmt::format("{}: {:.2g} times what the model's own randomness explains", entry.segment, entry.ratio);
+        fmt::format("{}: {} times what the model's own randomness explains", entry.segment, times(entry.ratio));
     if (!entry.covariates.empty())
       text += fmt::format("; it goes with {} ({:.0f} % of it)", list(entry.covariates), 100 * entry.share);
     if (!entry.shape.empty()) text += "; " + entry.shape;
@@ -74,8 +78,8 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
   for (const auto& entry : diagnosis.present)
     if (entry.superfluous) superfluous.push_back(entry.id);
   if (!superfluous.empty())
-    diagnosis.reasons.push_back(fmt::format(
-        "The model has more than this recording needs: {} may as well be absent.", list(superfluous)));
+    diagnosis.reasons.push_back(
+        fmt::format("The model has more than this recording needs: {} may as well be absent.", list(superfluous)));
   if (!diagnosis.untested.empty()) {
     std::vector<std::string> some;
     for (const auto& entry : diagnosis.untested) some.push_back(entry.effect);
