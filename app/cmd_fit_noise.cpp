@@ -114,11 +114,12 @@ double apply_law(SensorModel& model, const FittedNoise& fit, double reference_mm
 }
 
 // Effects after the noise (a blur, a filter) change it: the density that the model draws is corrected until what comes
-// out at the end, storage included, is what was measured.
+// out at the end, storage included, is what was measured. What comes out is compared with what went in by the very same
+// draws: their scatter, some 10 % at a single frequency, is in both and leaves the ratio. Divided by what came out
+// alone, the density would take that scatter in, and be too large by its square.
 struct Correction {
   int rounds = 0;
-  double sigma_ratio = 1, spectrum_db = 0;  ///< simulated against fitted, at the end
-  double relative_sd = 0;                   ///< median over rings: what the simulations' finite length leaves
+  double sigma_ratio = 1, spectrum_db = 0;  ///< what the model is expected to make against what was fitted, at the end
 };
 
 Correction correct_for_later_effects(SensorModel& model, EffectInstance& noise, NoiseSpectrum& spectrum,
@@ -133,8 +134,8 @@ Correction correct_for_later_effects(SensorModel& model, EffectInstance& noise, 
   // Only effects of the model can make the noise follow the law.
   bool follows = false;
   for (const auto& i : model.effects) follows |= i.effect == "axial_noise" || i.effect == "incidence_noise";
-  const double wanted_level = level * (follows ? law : 1);
-  const cv::Mat wanted = fit.shape.density(n, n) * wanted_level;
+  const double wanted_level = level * (follows ? law : 1), floor = 1e-4 * wanted_level;
+  const cv::Mat wanted = cv::max(fit.shape.density(n, n) * wanted_level, floor);
   Correction result;
   double before_db = 1e9;
   for (;; ++result.rounds) {
@@ -142,36 +143,32 @@ Correction correct_for_later_effects(SensorModel& model, EffectInstance& noise, 
     spectrum.camera_height = anchor.look.camera.height;
     spectrum.write(spectrum_path, provenance);
     noise.values["sigma"].value = std::sqrt(spectrum.variance_mm2());
-    const CaptureNoise made = simulated_noise(model, planes, anchor, fit, seed, fit.temporal ? 8 : 12);
-    const SpectrumEstimate& estimate = fit.temporal ? *made.temporal : made.single;
-    const cv::Mat seen = estimate.density(n, n);
-    result.sigma_ratio = std::sqrt(estimate.variance_mm2() / wanted_level);
-    const int rings = std::clamp(estimate.max_lag_px / 3, 4, 32);
-    const auto real = fit.shape.radial(rings), simulated = estimate.radial(rings);
+    SensorModel alone = model;
+    alone.effects = {noise};
+    alone.depth_scale_from = Given::written;
+    alone.depth_scale_mm = 0;  // not rounded
+    const auto simulated = [&](const SensorModel& with) {
+      const CaptureNoise made = simulated_noise(with, planes, anchor, fit, seed, fit.temporal ? 8 : 12);
+      return fit.temporal ? *made.temporal : made.single;
+    };
+    const SpectrumEstimate in = simulated(alone), out = simulated(model);
+    cv::Mat expected;
+    cv::divide(cv::max(out.density(n, n), floor), cv::max(in.density(n, n), floor), expected);
+    expected = cv::max(expected.mul(through_window(spectrum, fit.shape.window, n, n)), floor);
+    const int rings = std::clamp(out.max_lag_px / 3, 4, 32);
+    const NoiseSpectrum goal(wanted, n), come(expected, n);
+    result.sigma_ratio = std::sqrt(come.variance_mm2() / goal.variance_mm2());
+    const auto real = goal.radial(rings), made = come.radial(rings);
     double squares = 0;
-    for (std::size_t r = 0; r < real.density.size(); ++r)
-      squares += std::pow(10 * std::log10(std::max(simulated.density[r], 1e-9) /
-                                          std::max(real.density[r] * wanted_level, 1e-9)),
-                          2) /
-                 static_cast<double>(real.density.size());
+    for (int r = 0; r < rings; ++r) squares += std::pow(10 * std::log10(made[r] / real[r]), 2) / rings;
     result.spectrum_db = std::sqrt(squares);
-    std::vector<double> relative;
-    for (std::size_t r = 0; r < simulated.density.size(); ++r)
-      relative.push_back(simulated.sd[r] / std::max(simulated.density[r], 1e-9));
-    std::nth_element(relative.begin(), relative.begin() + relative.size() / 2, relative.end());
-    result.relative_sd = relative[relative.size() / 2];
-    const bool close = std::abs(result.sigma_ratio - 1) < 0.003 && result.spectrum_db < 0.06;
+    const bool close = std::abs(result.sigma_ratio - 1) < 0.003 && result.spectrum_db < 0.02;
     const bool stuck = result.rounds >= 3 && result.spectrum_db > 0.8 * before_db;
     if (close || stuck || result.rounds == 9) return result;
     before_db = result.spectrum_db;
-    cv::Mat psd = spectrum.psd().clone();
-    const double floor = 1e-4 * wanted_level;
-    for (int row = 0; row < psd.rows; ++row)
-      for (int col = 0; col < psd.cols; ++col) {
-        const double target = std::max(wanted.at<double>(row, col), floor);
-        const double ratio = std::clamp(target / std::max(seen.at<double>(row, col), floor), 0.2, 5.0);
-        psd.at<double>(row, col) = std::max(psd.at<double>(row, col), 1e-3 * floor) * ratio;
-      }
+    cv::Mat ratio;
+    cv::divide(wanted, expected, ratio);
+    const cv::Mat psd = cv::max(spectrum.psd(), 1e-3 * floor).mul(cv::min(cv::max(ratio, 0.2), 5.0));
     spectrum = NoiseSpectrum(psd, spectrum.cols());
   }
 }
@@ -248,10 +245,8 @@ void run(const FitNoiseOptions& options) {
   Progress progress("simulating the judged captures", static_cast<std::int64_t>(judged.size()));
   parallel_for(static_cast<int>(judged.size()), [&](int i) {
     const CaptureNoise& measured = judged[static_cast<std::size_t>(i)];
-    const int frames = fit.temporal && measured.temporal ? std::clamp(measured.frames_used, 2, 12) : 12;
     auto& judgement = report.judgements[static_cast<std::size_t>(i)];
-    judgement = judge_noise(fit, measured, simulated_noise(model, planes, measured, fit, options.common.seed, frames),
-                            correction.relative_sd);
+    judgement = judge_noise(fit, measured, simulated_noise(model, planes, measured, fit, options.common.seed, 12));
     judgement.nearest = &measured == counts;
     progress.advance();
   });

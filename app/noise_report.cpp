@@ -92,9 +92,10 @@ std::string noise_report_text(const NoiseFitReport& report) {
   text += fmt::format("  storage step {:.3g} mm: its rounding noise was taken out\n", fit.rounding_mm);
   if (report.correction_rounds > 0)
     text += fmt::format(
-        "  effects after the noise change it: density corrected in {} rounds (sigma {:+.1f} %, spectrum {:.2f} dB "
-        "off)\n",
-        report.correction_rounds, 100 * (report.correction_sigma_ratio - 1), report.correction_spectrum_db);
+        "  effects after the noise change it: density corrected in {} round{} (sigma {:+.1f} %, spectrum {:.2f} "
+        "dB off)\n",
+        report.correction_rounds, report.correction_rounds == 1 ? "" : "s", 100 * (report.correction_sigma_ratio - 1),
+        report.correction_spectrum_db);
   for (const auto& remark : fit.remarks) text += "  note: " + remark + "\n";
 
   text += "\ncapture     frames   z mm  deg  region px  fill  sigma mm  (temporal)  fixed mm  length px\n";

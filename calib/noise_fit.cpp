@@ -239,8 +239,7 @@ FittedNoise fit_noise(const std::vector<CaptureNoise>& captures, const LowFreque
   return fit;
 }
 
-NoiseJudgement judge_noise(const FittedNoise& fit, const CaptureNoise& measured, const CaptureNoise& simulated,
-                           double made_relative_sd) {
+NoiseJudgement judge_noise(const FittedNoise& fit, const CaptureNoise& measured, const CaptureNoise& simulated) {
   NoiseJudgement j;
   j.capture = measured.look.key;
   j.name = measured.look.name;
@@ -263,7 +262,7 @@ NoiseJudgement judge_noise(const FittedNoise& fit, const CaptureNoise& measured,
   for (std::size_t r = 0; r < a.density.size(); ++r) {
     const double centre = std::max(b.density[r], 1e-12);
     const auto relative2 = [&](const RadialDensity& d) { return std::pow(d.sd[r] / std::max(d.density[r], 1e-12), 2); };
-    const double estimation = relative2(a) + relative2(b) + relative2(f) + made_relative_sd * made_relative_sd;
+    const double estimation = relative2(a) + relative2(b) + relative2(f);
     const double all = std::sqrt(estimation + std::pow(fit.between_captures, 2));
     j.frequency.push_back(a.frequency[r]);
     j.measured.push_back(a.density[r]);

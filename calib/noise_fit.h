@@ -81,10 +81,8 @@ struct NoiseJudgement {
 
 inline constexpr double sigma_bound = 0.10, length_bound = 0.15, inside_bound = 0.85;
 
-/// `measured` and `simulated` went through measure_noise with the same lags and drop order. `made_relative_sd`:
-/// relative error of the model's density itself where it was adjusted by simulations of finite length.
-NoiseJudgement judge_noise(const FittedNoise& fit, const CaptureNoise& measured, const CaptureNoise& simulated,
-                           double made_relative_sd = 0);
+/// `measured` and `simulated` went through measure_noise with the same lags and drop order.
+NoiseJudgement judge_noise(const FittedNoise& fit, const CaptureNoise& measured, const CaptureNoise& simulated);
 
 nlohmann::json noise_json(const CaptureNoise& noise);
 nlohmann::json noise_json(const FittedNoise& fit);

@@ -106,6 +106,19 @@ TEST_F(FitNoiseVerb, TheDensityMakesUpForAFilterThatActsAfterTheNoise) {
   EXPECT_TRUE(found["judgements"].at(0)["passed"]) << found["judgements"].at(0).dump(1);
 }
 
+TEST_F(FitNoiseVerb, CompareAgreesWithTheModelThatWasWrittenThoughAFilterFollowsTheNoise) {
+  const std::string root = BINRIG_SOURCE_DIR, set = root + "/fixtures/recorded/plane-source";
+  const test::Run fit = run_binrig("fit-noise --quiet --measured " + set + " --model " + root +
+                                   "/models/thesis-five.yaml --out " + (folder / "fitted.yaml"));
+  ASSERT_EQ(fit.status, 0) << fit.output;
+  const test::Run run = run_binrig("compare --quiet --json --measured " + set + " --model " + (folder / "fitted.yaml") +
+                                   " --out " + (folder / "report"));
+  ASSERT_EQ(run.status, 0) << run.output;
+  // Bands of 2 % a ring are narrower than what one simulation's chance, taken into the model, would add.
+  const json found = json::parse(run.output)["fidelity"];
+  EXPECT_EQ(found["verdict"], "agrees") << found["headline"] << found["reasons"];
+}
+
 TEST_F(FitNoiseVerb, OneFrameOnlyIsSaidToBeAnUpperBound) {
   write_planes(folder / "set", truth, 1);
   const test::Run run = run_binrig("fit-noise --quiet --measured " + (folder / "set") + " --model " +
