@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
+#include <fmt/format.h>
 #include <Eigen/Cholesky>
 
 #include "core/parallel.h"
@@ -123,175 +125,262 @@ MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector
   return result;
 }
 
-Fit fit_model(const Experiment& experiment, const Standard& standard, const Metric& metric, const Whitened& data,
-              const SensorModel& start, const std::vector<FitParameter>& parameters, const std::vector<Offset>& offsets,
-              const FitOptions& options) {
-  const Layout& layout = experiment.layout();
-  const int n = static_cast<int>(parameters.size());
-  Fit fit;
-  fit.parameters = parameters;
-  fit.value.resize(n);
-  SensorModel first = start;
-  for (int p = 0; p < n; ++p)
-    fit.value[p] = parameters[p].scaled(find_instance(first, parameters[p].id)->value(parameters[p].name));
+namespace {
 
-  const auto trial = [&](const SensorModel& model, int k) {
-    return Trial{model,
-                 offsets,
-                 options.seed + static_cast<std::uint64_t>(k),
-                 options.part,
-                 options.most_frames,
-                 options.shorten_series};
-  };
-  const auto prior_part = [&](const Eigen::VectorXd& x) {
-    double sum = 0;
-    for (int p = 0; p < n; ++p)
-      if (!parameters[p].circular) sum += std::pow((x[p] - parameters[p].prior_centre) / parameters[p].prior_sigma, 2);
-    return sum;
-  };
+constexpr double pause_below = 4;  // data's information on a parameter, in units of its prior's, see Fit::paused
+
+/// Minimum of x'Mx/2 - b'x over |x| <= limit, element by element, by projected coordinate descent: a parameter that
+/// would go far stops at its limit without holding back the others.
+Eigen::VectorXd minimum_in_box(const Eigen::MatrixXd& m, const Eigen::VectorXd& b, const Eigen::VectorXd& lower,
+                               const Eigen::VectorXd& upper) {
+  const int n = static_cast<int>(b.size());
+  Eigen::VectorXd x = m.ldlt().solve(b);
+  if ((x.array() >= lower.array()).all() && (x.array() <= upper.array()).all()) return x;
+  x = x.cwiseMax(lower).cwiseMin(upper);
+  for (int sweep = 0; sweep < 500; ++sweep) {
+    double moved = 0;
+    for (int p = 0; p < n; ++p) {
+      const double next = std::clamp(x[p] + (b[p] - m.row(p).dot(x)) / m(p, p), lower[p], upper[p]);
+      moved = std::max(moved, std::abs(next - x[p]) / std::max(upper[p] - lower[p], 1e-12));
+      x[p] = next;
+    }
+    if (moved < 1e-6) break;
+  }
+  return x;
+}
+
+class Fitter {
+ public:
+  Fitter(const Experiment& experiment, const Standard& standard, const Metric& metric, const Whitened& data,
+         const std::vector<FitParameter>& parameters, const std::vector<Offset>& offsets, const FitOptions& options)
+      : experiment_(experiment),
+        standard_(standard),
+        metric_(metric),
+        data_(data),
+        parameters_(parameters),
+        offsets_(offsets),
+        options_(options),
+        n_(static_cast<int>(parameters.size())) {}
+
+  Fit run(const SensorModel& start) {
+    fit_.parameters = parameters_;
+    fit_.value.resize(n_);
+    SensorModel first = start;
+    for (int p = 0; p < n_; ++p)
+      fit_.value[p] = parameters_[p].scaled(find_instance(first, parameters_[p].id)->value(parameters_[p].name));
+    now_ = evaluate(with_values(start, parameters_, fit_.value), fit_.value);
+    descend();
+    scan();
+    fit_.model = now_.model;
+    fit_.residual = now_.residual;
+    fit_.chi = now_.chi;
+    return std::move(fit_);
+  }
+
+ private:
   struct State {
     SensorModel model;
-    std::vector<Whitened> y;
+    std::vector<StatVector> simulations;
     Whitened residual;
-    double chi = 0;
+    double chi = 0, dispersion = 1;
   };
-  const auto evaluate = [&](const SensorModel& model, const Eigen::VectorXd& x) {
+
+  Trial trial(const SensorModel& model, int k) const {
+    return {model,
+            offsets_,
+            options_.seed + static_cast<std::uint64_t>(k),
+            options_.part,
+            options_.most_frames,
+            options_.shorten_series};
+  }
+
+  State evaluate(const SensorModel& model, const Eigen::VectorXd& x) const {
     State state;
     state.model = model;
     std::vector<Trial> trials;
-    for (int k = 0; k < options.seeds; ++k) trials.push_back(trial(state.model, k));
-    const auto simulations = experiment.simulate(trials);
-    state.y = whiten_all(standard, simulations);
-    const MeanOfSimulations mean = mean_of(standard, simulations);
-    Whitened difference = data;
-    for (int i = 0; i < layout.size; ++i) difference[i] -= mean.mean[i];
-    Explained explained = metric.explain(difference, options.place, {}, mean.noise);
+    for (int k = 0; k < options_.seeds; ++k) trials.push_back(trial(model, k));
+    state.simulations = experiment_.simulate(trials, "fitting parameters");
+    const MeanOfSimulations mean = mean_of(standard_, state.simulations);
+    Whitened difference = data_;
+    for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= mean.mean[i];
+    Explained explained = metric_.explain(difference, options_.place, {}, mean.noise);
     state.residual = std::move(explained.rest);
-    state.chi = explained.chi + prior_part(x);
+    const auto known = std::count_if(state.residual.begin(), state.residual.end(), [](float v) { return v != 0; });
+    state.dispersion = std::max(1.0, explained.chi / std::max<double>(1, static_cast<double>(known)));
+    state.chi = explained.chi;
+    for (int p = 0; p < n_; ++p)
+      if (!parameters_[p].circular)
+        state.chi += std::pow((x[p] - parameters_[p].prior_centre) / parameters_[p].prior_sigma, 2);
     return state;
-  };
-
-  State now = evaluate(with_values(start, parameters, fit.value), fit.value);
-  double damping = 1e-3;
-  fit.jacobian.resize(n);
-  // Change of y per unit; simulated anew unless the last step was short and kept what it promised.
-  std::vector<Whitened> slopes;
-  const auto simulate_slopes = [&] {
-    slopes.resize(n);
-    std::vector<Trial> trials;
-    std::vector<double> step(n);
-    for (int p = 0; p < n; ++p) {
-      // Towards the inside of the bounds.
-      step[p] = parameters[p].step;
-      const double ahead = parameters[p].natural(fit.value[p] + step[p]);
-      if (!parameters[p].circular && std::abs(parameters[p].scaled(ahead) - fit.value[p]) < 0.5 * step[p])
-        step[p] *= -1;
-      Eigen::VectorXd x = fit.value;
-      x[p] += step[p];
-      for (int k = 0; k < options.seeds; ++k) trials.push_back(trial(with_values(now.model, parameters, x), k));
-    }
-    const auto y = whiten_all(standard, experiment.simulate(trials, "fitting parameters"));
-    parallel_for(n, [&](int p) {
-      std::vector<Whitened> differences;
-      for (int k = 0; k < options.seeds; ++k) {
-        Whitened d = y[p * options.seeds + k];
-        for (int i = 0; i < layout.size; ++i) d[i] = static_cast<float>((d[i] - now.y[k][i]) / step[p]);
-        differences.push_back(std::move(d));
-      }
-      slopes[p] = shrunk_mean(layout, differences);
-    });
-  };
-  bool stale = slopes.empty(), fresh = false;
-  int simulated_slopes = 0;  // what costs; a step with kept slopes costs one simulation
-  for (;;) {
-    if (stale && simulated_slopes >= std::max(1, options.iterations)) break;
-    if (stale) simulate_slopes(), ++simulated_slopes;
-    fresh = stale;
-    ++fit.rounds;
-    std::vector<Whitened> applied(n);
-    parallel_for(n, [&](int p) {
-      fit.jacobian[p] = slopes[p];
-      for (int i = 0; i < layout.size; ++i) fit.jacobian[p][i] *= compression_slope(now.residual[i]);
-      applied[p] = metric.apply(fit.jacobian[p]);
-    });
-    Eigen::MatrixXd a = Eigen::MatrixXd::Zero(n, n);
-    Eigen::VectorXd b(n);
-    for (int p = 0; p < n; ++p) {
-      for (int q = 0; q <= p; ++q) a(p, q) = a(q, p) = dot(fit.jacobian[p], applied[q]);
-      b[p] = dot(fit.jacobian[p], now.residual);  // the nuisances are out of it already
-      const double precision = parameters[p].circular ? 0.01 : 1 / std::pow(parameters[p].prior_sigma, 2);
-      a(p, p) += precision;
-      if (!parameters[p].circular) b[p] -= precision * (fit.value[p] - parameters[p].prior_centre);
-    }
-    fit.precision = a;
-    if (options.iterations == 0) break;
-    bool improved = false;
-    double gained = 0, promised = 0;
-    for (int attempt = 0; attempt < (fresh ? 5 : 1) && !improved; ++attempt) {
-      Eigen::MatrixXd damped = a;
-      damped.diagonal() *= 1 + damping;
-      Eigen::VectorXd delta = damped.ldlt().solve(b);
-      double shorten = 1;
-      for (int p = 0; p < n; ++p) shorten = std::max(shorten, std::abs(delta[p]) / parameters[p].longest);
-      delta /= std::min(shorten, 3.0);
-      for (int p = 0; p < n; ++p) delta[p] = std::clamp(delta[p], -parameters[p].longest, parameters[p].longest);
-      Eigen::VectorXd x = fit.value + delta;
-      for (int p = 0; p < n; ++p) {
-        // A magnitude that falls to zero at once stays there: its derivative is zero, too.
-        if (!parameters[p].logarithmic && !parameters[p].circular && parameters[p].lower >= 0 && fit.value[p] > 0)
-          x[p] = std::max(x[p], 0.5 * fit.value[p]);
-        x[p] = parameters[p].scaled(parameters[p].natural(x[p]));
-      }
-      promised = delta.dot(2 * b - a * delta);
-      if (promised < 0.5 * options.converged) break;
-      State next = evaluate(with_values(now.model, parameters, x), x);
-      if (next.chi < now.chi) {
-        gained = now.chi - next.chi;
-        fit.value = x;
-        now = std::move(next);
-        improved = true;
-        damping = std::max(1e-4, damping / 5);
-      } else {
-        damping = std::max(0.01, 10 * damping);
-      }
-    }
-    if (gained < options.converged && fresh) {
-      fit.converged = true;
-      break;
-    }
-    // Slopes of far away lead into the wrong one of two valleys: they are only kept near the end.
-    stale = gained < options.converged || gained < 0.5 * promised || gained > 0.01 * now.chi;
   }
 
-  if (!options.scan_ids.empty()) {
-    const EffectCatalogue& catalogue = experiment.forward().catalogue();
-    for (std::size_t e = 0; e < now.model.effects.size(); ++e) {
-      const std::string id = now.model.effects[e].id;
-      if (std::find(options.scan_ids.begin(), options.scan_ids.end(), id) == options.scan_ids.end()) continue;
-      for (const auto& spec : now.model.effects[e].declaration(catalogue).parameters) {
+  /// Where a derivative is taken to: inwards of the bounds.
+  double derivative_step(int p) const {
+    const FitParameter& parameter = parameters_[p];
+    const double ahead = parameter.natural(fit_.value[p] + parameter.step);
+    const bool outside =
+        !parameter.circular && std::abs(parameter.scaled(ahead) - fit_.value[p]) < 0.5 * parameter.step;
+    return outside ? -parameter.step : parameter.step;
+  }
+
+  void simulate_slopes() {
+    fit_.slopes.resize(n_, Whitened(experiment_.layout().size, 0.f));
+    std::vector<Trial> trials;
+    std::vector<int> moved;
+    for (int p = 0; p < n_; ++p) {
+      if (fit_.paused[p]) continue;
+      moved.push_back(p);
+      Eigen::VectorXd x = fit_.value;
+      x[p] += derivative_step(p);
+      for (int k = 0; k < options_.seeds; ++k) trials.push_back(trial(with_values(now_.model, parameters_, x), k));
+    }
+    const auto simulated = experiment_.simulate(trials, "fitting parameters");
+    parallel_for(static_cast<int>(moved.size()), [&](int m) {
+      const float step = static_cast<float>(derivative_step(moved[m]));
+      std::vector<Whitened> differences;
+      for (int k = 0; k < options_.seeds; ++k) {
+        StatVector d = simulated[m * options_.seeds + k];
+        for (std::size_t i = 0; i < d.size(); ++i) d[i] = (d[i] - now_.simulations[k][i]) / step;
+        differences.push_back(standard_.difference(d));
+      }
+      fit_.slopes[moved[m]] = shrunk_mean(experiment_.layout(), differences);
+    });
+  }
+
+  /// Normal equations of the next step.
+  void linearise(Eigen::MatrixXd& a, Eigen::VectorXd& b) {
+    fit_.jacobian.resize(n_);
+    std::vector<Whitened> applied(n_);
+    parallel_for(n_, [&](int p) {
+      fit_.jacobian[p] = fit_.slopes[p];
+      for (std::size_t i = 0; i < now_.residual.size(); ++i) fit_.jacobian[p][i] *= compression_slope(now_.residual[i]);
+      applied[p] = metric_.apply(fit_.jacobian[p]);
+    });
+    a.resize(n_, n_);
+    b.resize(n_);
+    for (int p = 0; p < n_; ++p) {
+      for (int q = 0; q <= p; ++q) a(p, q) = a(q, p) = dot(fit_.jacobian[p], applied[q]);
+      b[p] = dot(fit_.jacobian[p], now_.residual);  // the nuisances are out of it already
+      const double precision = parameters_[p].circular ? 0.01 : 1 / std::pow(parameters_[p].prior_sigma, 2);
+      if (a(p, p) < pause_below * precision) fit_.paused[p] = true;
+      a(p, p) += precision;
+      if (!parameters_[p].circular) b[p] -= precision * (fit_.value[p] - parameters_[p].prior_centre);
+    }
+    fit_.precision = a;
+  }
+
+  /// How far parameters may go in one step.
+  void box(Eigen::VectorXd& lower, Eigen::VectorXd& upper) const {
+    lower.resize(n_);
+    upper.resize(n_);
+    for (int p = 0; p < n_; ++p) {
+      const FitParameter& parameter = parameters_[p];
+      lower[p] = -parameter.longest;
+      upper[p] = parameter.longest;
+      if (parameter.circular) continue;
+      lower[p] = std::max(lower[p], std::min(0.0, parameter.scaled(parameter.lower) - fit_.value[p]));
+      upper[p] = std::min(upper[p], std::max(0.0, parameter.scaled(parameter.upper) - fit_.value[p]));
+      // A magnitude that falls to zero at once stays there: its derivative is zero, too.
+      if (!parameter.logarithmic && parameter.lower >= 0 && fit_.value[p] > 0)
+        lower[p] = std::max(lower[p], -0.5 * fit_.value[p]);
+    }
+  }
+
+  void descend() {
+    fit_.paused = options_.paused;
+    fit_.paused.resize(n_, false);
+    if (n_ == 0) {
+      fit_.converged = true;
+      return;
+    }
+    double damping = 1e-3;
+    bool stale = options_.slopes == nullptr;
+    if (!stale) fit_.slopes = *options_.slopes;
+    for (int simulated_slopes = 0;; ++fit_.rounds) {
+      if (stale && simulated_slopes >= std::max(options_.iterations, options_.slopes ? 0 : 1)) return;
+      if (stale) simulate_slopes(), ++simulated_slopes;
+      const bool fresh = stale;
+      Eigen::MatrixXd a;
+      Eigen::VectorXd b, lower, upper;
+      linearise(a, b);
+      if (options_.iterations == 0 && !options_.slopes) return;
+      box(lower, upper);
+      const double enough = options_.converged * now_.dispersion;
+      double gained = 0, promised = 0;
+      for (int attempt = 0; attempt < (fresh ? 5 : 1) && gained == 0; ++attempt) {
+        Eigen::MatrixXd damped = a;
+        damped.diagonal() *= 1 + damping;
+        const Eigen::VectorXd delta = minimum_in_box(damped, b, lower, upper);
+        promised = delta.dot(2 * b - a * delta);
+        if (promised < 0.5 * enough) break;
+        const Eigen::VectorXd x = fit_.value + delta;
+        State next = evaluate(with_values(now_.model, parameters_, x), x);
+        if (next.chi < now_.chi) {
+          gained = now_.chi - next.chi;
+          fit_.value = x;
+          now_ = std::move(next);
+          damping = std::max(1e-4, damping / 5);
+        } else {
+          damping = std::max(0.01, 10 * damping);
+        }
+      }
+      if (std::getenv("BINRIG_TRACE"))
+        fmt::print(stderr, "  round {} {} chi {:.0f} dispersion {:.2f} promised {:.1f} gained {:.1f} captures {}\n",
+                   fit_.rounds, fresh ? "fresh" : "kept", now_.chi, now_.dispersion, promised, gained,
+                   experiment_.simulated());
+      if (gained < enough && fresh) {
+        fit_.converged = true;
+        return;
+      }
+      // Slopes of far away lead into the wrong one of two valleys: they are only kept near the end.
+      stale = gained < enough || gained < 0.5 * promised || gained > 0.01 * now_.chi;
+    }
+  }
+
+  /// Whole numbers and places, value by value.
+  void scan() {
+    const EffectCatalogue& catalogue = experiment_.forward().catalogue();
+    for (const auto& id : options_.scan_ids) {
+      const EffectInstance* instance = now_.model.find(id);
+      if (!instance) continue;
+      for (const auto& spec : instance->declaration(catalogue).parameters) {
         if (spec.kind != ParameterKind::integer && spec.interpolate) continue;
         for (double direction : {1.0, -1.0})
           for (int moves = 0; moves < (spec.either_sign ? 5 : 2); ++moves) {
-            const double value = now.model.effects[e].value(spec.name);
+            const double value = now_.model.find(id)->value(spec.name);
             const double step = spec.kind == ParameterKind::integer ? std::max(1.0, std::round(0.25 * value))
                                 : spec.either_sign                  ? 0.06 * spec.typical_high
                                                                     : 0.2 * value;
             const double other = std::clamp(value + direction * step, spec.lower, spec.upper);
             if (other == value) break;
-            SensorModel changed = now.model;
-            changed.effects[e].values[spec.name].value = other;
-            State next = evaluate(changed, fit.value);
-            if (next.chi >= now.chi - 1) break;
-            now = std::move(next);
+            SensorModel changed = now_.model;
+            find_instance(changed, id)->values[spec.name].value = other;
+            State next = evaluate(changed, fit_.value);
+            if (next.chi >= now_.chi - 1) break;
+            now_ = std::move(next);
           }
       }
     }
   }
-  fit.model = now.model;
-  fit.residual = now.residual;
-  fit.chi = now.chi;
-  if (n == 0) fit.converged = true;
-  return fit;
+
+  const Experiment& experiment_;
+  const Standard& standard_;
+  const Metric& metric_;
+  const Whitened& data_;
+  const std::vector<FitParameter>& parameters_;
+  const std::vector<Offset>& offsets_;
+  const FitOptions& options_;
+  const int n_;
+  Fit fit_;
+  State now_;
+};
+
+}  // namespace
+
+Fit fit_model(const Experiment& experiment, const Standard& standard, const Metric& metric, const Whitened& data,
+              const SensorModel& start, const std::vector<FitParameter>& parameters, const std::vector<Offset>& offsets,
+              const FitOptions& options) {
+  return Fitter(experiment, standard, metric, data, parameters, offsets, options).run(start);
 }
 
 void write_intervals(SensorModel& model, const Fit& fit, double dispersion, const std::string& provenance) {

@@ -31,13 +31,14 @@ struct FitOptions {
   int seeds = 2;
   int most_frames = 0;  ///< of Trial
   bool shorten_series = false;
-  int iterations = 5;    ///< 0: only the derivatives at the start
-  double converged = 1;  ///< change of chi
+  int iterations = 5;    ///< slopes are simulated at most so often; 0: derivatives at the start, or steps with `slopes`
+  double converged = 1;  ///< gain of chi, in units of its mean square, that ends the fit
   Part part = Part::train;
   std::uint64_t seed = 101;
   std::vector<double> place;  ///< of the metric's nuisances in simulations at `offsets`, see Metric::explain
-  /// Fit::slopes of a fit nearby, to begin with instead of simulating them; null = none.
+  /// Fit::slopes of a fit nearby under the same standard, to begin with instead of simulating them; null = none.
   const std::vector<Whitened>* slopes = nullptr;
+  std::vector<bool> paused;           ///< Fit::paused of a fit nearby
   std::vector<std::string> scan_ids;  ///< instances whose whole-number parameters are varied, too
 };
 
@@ -51,8 +52,11 @@ struct Fit {
   Eigen::VectorXd scatter;
   std::vector<Whitened> slopes;    ///< change of y per unit, shrunk
   std::vector<Whitened> jacobian;  ///< the same where the residual is compressed
-  Whitened residual;               ///< what the model and the nuisances leave of the data, compressed
-  double chi = 0;                  ///< of Metric::explain, without the simulations' own noise, plus the prior's part
+  /// Parameters of which the data said nothing when their derivative was last taken (less than four times what their
+  /// prior says): they were not simulated again, and stay where the prior holds them.
+  std::vector<bool> paused;
+  Whitened residual;  ///< what the model and the nuisances leave of the data, compressed
+  double chi = 0;     ///< of Metric::explain, without the simulations' own noise, plus the prior's part
   int rounds = 0;
   bool converged = false;
 };

@@ -33,6 +33,22 @@ bool register_targets(const Layout& layout, const std::vector<SceneMotion>& moti
   return false;
 }
 
+/// Each simulation whitened by what the others teach: one that taught its own mean and correlations would look more
+/// regular than any recording.
+std::vector<Whitened> cross_whitened(const Layout& layout, const std::vector<StatVector>& simulations,
+                                     const std::vector<StatVector>& shifts) {
+  constexpr int folds = 4;
+  std::vector<Whitened> result(simulations.size());
+  parallel_for(folds, [&](int fold) {
+    std::vector<StatVector> others, their_shifts;
+    for (std::size_t k = 0; k < simulations.size(); ++k)
+      if (static_cast<int>(k) % folds != fold) others.push_back(simulations[k]), their_shifts.push_back(shifts[k]);
+    const Standard standard(layout, others, their_shifts);
+    for (std::size_t k = fold; k < simulations.size(); k += folds) result[k] = standard.linear(simulations[k]);
+  });
+  return result;
+}
+
 }  // namespace
 
 Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
@@ -65,7 +81,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.most_frames = short_frames;
     fit.shorten_series = !series;
     fit.iterations = options.iterations;
-    fit.converged = 1;
+    fit.converged = pass + 1 < options.passes ? 20 : 2;  // the weights of the first pass are not the model's own yet
     fit.seed = options.seed + 500;
     fit.place = values_of(motions, rung.offsets);
     if (pass + 1 == options.passes) fit.scan_ids = ids;
@@ -76,7 +92,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
       const std::vector<Whitened> slopes = rung.fit.slopes;
       fit.slopes = &slopes;
       fit.most_frames = 0;
-      fit.iterations = 1;
+      fit.iterations = 0;
       fit.scan_ids.clear();
       const Fit found = fit_model(experiment, rung.standard, metric, rung.standard.linear(measured.all), rung.fit.model,
                                   parameters, rung.offsets, fit);
@@ -103,7 +119,6 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   }
   rung.simulations = experiment.simulate(trials, "learning the model's own randomness");
   rung.standard = Standard(layout, rung.simulations, shifts);
-  shifts.clear();
   auto rows = motion_rows(layout, rung.standard, motions);
   rung.data = rung.standard.linear(measured.all);
   rung.place = values_of(motions, rung.offsets);
@@ -116,6 +131,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   derivatives.seed = options.seed + 500;
   derivatives.part = Part::all;
   derivatives.place = rung.place;
+  derivatives.paused = rung.fit.paused;
   const int rounds = rung.fit.rounds;
   const bool converged = rung.fit.converged;
   rung.fit =
@@ -133,9 +149,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   rung.place.resize(rows.size(), 0);
   rung.train = Metric(layout, Part::train, rows);
   rung.test = Metric(layout, Part::test, rows, rung.train.global_posterior());
-  rung.nulls.resize(rung.simulations.size());
-  parallel_for(static_cast<int>(rung.simulations.size()),
-               [&](int k) { rung.nulls[k] = rung.standard.linear(rung.simulations[k]); });
+  rung.nulls = cross_whitened(layout, rung.simulations, shifts);
   double null_square = 0;
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(n), square = sum;
   for (const auto& null : rung.nulls) {

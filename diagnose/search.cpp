@@ -53,7 +53,7 @@ Refined refine(const Experiment& experiment, const Rung& rung, const Measurement
     const std::vector<Whitened> slopes = refined.fit.slopes;
     fit.slopes = &slopes;
     fit.most_frames = 0;
-    fit.iterations = 1;
+    fit.iterations = 0;
     fit.scan_ids.clear();
     refined.fit =
         fit_model(experiment, rung.standard, rung.train, rung.data, refined.fit.model, parameters, rung.offsets, fit);
