@@ -189,7 +189,7 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
         left_signatures.push_back(signature);
         left_signatures.back().hypothesis = index[signature.hypothesis];
       }
-    const SearchResult found = search(experiment, rung, measured, left, left_signatures, search_options);
+    const SearchResult found = search(experiment, motions, rung, measured, left, left_signatures, search_options);
     if (step == 0)
       for (std::size_t h = 0; h < left.tested.size(); ++h)
         diagnosis.ranking.push_back(

@@ -65,8 +65,8 @@ struct Unexplained {
 struct PresentParameter {
   std::string id, name, unit;
   double given = 0, fitted = 0, low = 0, high = 0;  ///< low .. high: 95 %
-  bool determined = true;   ///< false: the recording says less about it than its declaration does
-  bool changed = false;     ///< determined, and the value given is not among those that the recording allows
+  bool determined = true;    ///< false: the recording says less about it than its declaration does
+  bool changed = false;      ///< determined, and the value given is not among those that the recording allows
   bool superfluous = false;  ///< an effect's strength that may as well be nothing: the recording needs no such effect
 };
 std::vector<PresentParameter> present_parameters(const SensorModel& given, const Rung& last,

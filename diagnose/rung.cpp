@@ -35,7 +35,8 @@ bool register_targets(const Layout& layout, const std::vector<SceneMotion>& moti
 
 /// Each simulation whitened by what the others teach: one that taught its own mean and correlations would look more
 /// regular than any recording.
-std::vector<Whitened> cross_whitened(const Layout& layout, const std::vector<StatVector>& simulations,
+std::vector<Whitened> cross_whitened(const Layout& layout, const StatVector& measured,
+                                     const std::vector<StatVector>& simulations,
                                      const std::vector<StatVector>& shifts) {
   constexpr int folds = 4;
   std::vector<Whitened> result(simulations.size());
@@ -43,7 +44,7 @@ std::vector<Whitened> cross_whitened(const Layout& layout, const std::vector<Sta
     std::vector<StatVector> others, their_shifts;
     for (std::size_t k = 0; k < simulations.size(); ++k)
       if (static_cast<int>(k) % folds != fold) others.push_back(simulations[k]), their_shifts.push_back(shifts[k]);
-    const Standard standard(layout, others, their_shifts);
+    const Standard standard(layout, measured, others, their_shifts);
     for (std::size_t k = fold; k < simulations.size(); k += folds) result[k] = standard.linear(simulations[k]);
   });
   return result;
@@ -71,11 +72,11 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   // Again and again: the spread that the fit is weighted with is the model's own and changes with it.
   for (int pass = 0; pass < options.passes; ++pass) {
     rung.standard =
-        Standard(layout, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
+        Standard(layout, few, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
     const auto rows = motion_rows(layout, rung.standard, motions);
     if (register_targets(layout, motions, rows, rung.standard.linear(few), rung.offsets))
       rung.standard =
-          Standard(layout, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
+          Standard(layout, few, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
     FitOptions fit;
     fit.seeds = 2;  // one would take the noise of its own simulation for a trace of the parameters
     fit.most_frames = short_frames;
@@ -118,7 +119,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     shifts.push_back(draw_shift[d]);
   }
   rung.simulations = experiment.simulate(trials, "learning the model's own randomness");
-  rung.standard = Standard(layout, rung.simulations, shifts);
+  rung.standard = Standard(layout, measured.all, rung.simulations, shifts);
   auto rows = motion_rows(layout, rung.standard, motions);
   rung.data = rung.standard.linear(measured.all);
   rung.place = values_of(motions, rung.offsets);
@@ -149,7 +150,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   rung.place.resize(rows.size(), 0);
   rung.train = Metric(layout, Part::train, rows);
   rung.test = Metric(layout, Part::test, rows, rung.train.global_posterior());
-  rung.nulls = cross_whitened(layout, rung.simulations, shifts);
+  rung.nulls = cross_whitened(layout, measured.all, rung.simulations, shifts);
   double null_square = 0;
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(n), square = sum;
   for (const auto& null : rung.nulls) {

@@ -13,19 +13,36 @@ namespace {
 struct Remainder {
   Whitened mean;
   double train = 0, test = 0;  ///< chi
+  std::vector<double> values;  ///< of the nuisances, in prior sigmas from nominal
 };
 
 Remainder remainder_of(const Experiment& experiment, const Rung& rung, const SensorModel& model,
+                       const std::vector<Offset>& offsets, const std::vector<double>& place,
                        const SearchOptions& options) {
   std::vector<Trial> trials;
   for (int k = 0; k < options.seeds; ++k)
-    trials.push_back({model, rung.offsets, options.seed + static_cast<std::uint64_t>(k), Part::all});
+    trials.push_back({model, offsets, options.seed + static_cast<std::uint64_t>(k), Part::all});
   MeanOfSimulations simulated = mean_of(rung.standard, experiment.simulate(trials, "refining hypotheses"));
   Whitened difference = rung.data;
   for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= simulated.mean[i];
-  const Explained train = rung.train.explain(difference, rung.place, {}, simulated.noise);
-  const Explained test = rung.test.explain(difference, rung.place, train.global, simulated.noise);
-  return {std::move(simulated.mean), train.chi, test.chi};
+  Explained train = rung.train.explain(difference, place, {}, simulated.noise);
+  const Explained test = rung.test.explain(difference, place, train.global, simulated.noise);
+  // A target is in train or in test, and 0 in the other; what all captures share was found on train.
+  for (std::size_t r = 0; r < train.values.size(); ++r)
+    if (train.values[r] == 0) train.values[r] = test.values[r];
+  return {std::move(simulated.mean), train.chi, test.chi, std::move(train.values)};
+}
+
+/// The same with the targets where this model wants them: under the model of the rung they may have been moved far
+/// away to make up for what it lacks.
+Remainder registered_remainder(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+                               const SensorModel& model, const SearchOptions& options) {
+  Remainder nominal = remainder_of(experiment, rung, model, {}, {}, options);
+  nominal.values.resize(motions.size());
+  const auto offsets = offsets_of(experiment.layout(), motions, nominal.values, {});
+  std::vector<double> place = values_of(motions, offsets);
+  place.resize(rung.place.size(), 0);
+  return remainder_of(experiment, rung, model, offsets, place, options);
 }
 
 Refined refine(const Experiment& experiment, const Rung& rung, const Measurement& measured,
@@ -44,11 +61,11 @@ Refined refine(const Experiment& experiment, const Rung& rung, const Measurement
   fit.iterations = 5;
   fit.converged = 1;
   fit.seed = options.seed + 40;
-  fit.place = rung.place;
   fit.scan_ids = {refined.id};
   const auto parameters = fit_parameters(model, catalogue, {refined.id});
+  const std::vector<Offset> nominal(experiment.layout().captures);
   const Whitened few = rung.standard.linear(measured.at(fit.most_frames, fit.shorten_series));
-  refined.fit = fit_model(experiment, rung.standard, rung.train, few, model, parameters, rung.offsets, fit);
+  refined.fit = fit_model(experiment, rung.standard, rung.train, few, model, parameters, nominal, fit);
   if (!parameters.empty()) {  // a last step with all frames
     const std::vector<Whitened> slopes = refined.fit.slopes;
     fit.slopes = &slopes;
@@ -56,7 +73,7 @@ Refined refine(const Experiment& experiment, const Rung& rung, const Measurement
     fit.iterations = 0;
     fit.scan_ids.clear();
     refined.fit =
-        fit_model(experiment, rung.standard, rung.train, rung.data, refined.fit.model, parameters, rung.offsets, fit);
+        fit_model(experiment, rung.standard, rung.train, rung.data, refined.fit.model, parameters, nominal, fit);
   }
   refined.model = refined.fit.model;
   return refined;
@@ -64,8 +81,8 @@ Refined refine(const Experiment& experiment, const Rung& rung, const Measurement
 
 }  // namespace
 
-SearchResult search(const Experiment& experiment, const Rung& rung, const Measurement& measured,
-                    const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
+SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+                    const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
                     const SearchOptions& options) {
   SearchResult result;
   const int count = static_cast<int>(hypotheses.tested.size());
@@ -96,14 +113,14 @@ SearchResult search(const Experiment& experiment, const Rung& rung, const Measur
   std::vector<int> order(count);
   std::iota(order.begin(), order.end(), 0);
   std::sort(order.begin(), order.end(), [&](int a, int b) { return result.linear[a].gain > result.linear[b].gain; });
-  const Remainder base = remainder_of(experiment, rung, rung.model, options);
+  const Remainder base = remainder_of(experiment, rung, rung.model, rung.offsets, rung.place, options);
   for (int h : order) {
     if (static_cast<int>(result.refined.size()) >= options.refine) break;
     if (result.linear[h].gain / rung.dispersion - result.prices[h] < result.gate) continue;
     Refined refined = refine(experiment, rung, measured, hypotheses.tested[h], result.linear[h], options);
     refined.price = result.prices[h];
     refined.p = result.p_values[h];
-    const Remainder with = remainder_of(experiment, rung, refined.model, options);
+    const Remainder with = registered_remainder(experiment, motions, rung, refined.model, options);
     refined.train_gain = (base.train - with.train) / rung.dispersion;
     refined.test_gain = (base.test - with.test) / rung.dispersion;
     refined.change = with.mean;

@@ -39,8 +39,8 @@ struct SearchResult {
   const Refined* accepted(const SearchOptions& options) const;
 };
 
-SearchResult search(const Experiment& experiment, const Rung& rung, const Measurement& measured,
-                    const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
+SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+                    const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
                     const SearchOptions& options);
 
 /// How far two refined hypotheses can be told apart on these captures: squared distance of what they move, and the

@@ -113,14 +113,14 @@ std::vector<Signature> make_signatures(const Experiment& experiment, const Senso
     for (int s = 0; s < options.seeds; ++s) trials.push_back(trial(model, s, series == 1));
     without[series] = experiment.simulate(trials, "simulating what effects would change", true);
   }
-  const Standard standard(experiment.layout(), experiment.simulate(
-                                                   [&] {
-                                                     std::vector<Trial> trials;
-                                                     for (int s = 0; s < 6; ++s)
-                                                       trials.push_back(trial(model, s, true));
-                                                     return trials;
-                                                   }(),
-                                                   "", true));
+  const Standard standard(experiment.layout(), StatVector(experiment.layout().size, 0.f),
+                          experiment.simulate(
+                              [&] {
+                                std::vector<Trial> trials;
+                                for (int s = 0; s < 6; ++s) trials.push_back(trial(model, s, true));
+                                return trials;
+                              }(),
+                              "", true));
 
   std::vector<Signature> result(places.size());
   constexpr int batch = 24;

@@ -36,7 +36,7 @@ void filter(float* values, int rows, int cols, const std::vector<float>& gain) {
 
 }  // namespace
 
-Standard::Standard(const Layout& layout, const std::vector<StatVector>& simulations,
+Standard::Standard(const Layout& layout, const StatVector& measured, const std::vector<StatVector>& simulations,
                    const std::vector<StatVector>& known_shift)
     : layout_(&layout) {
   const int n = static_cast<int>(simulations.size());
@@ -54,6 +54,7 @@ Standard::Standard(const Layout& layout, const std::vector<StatVector>& simulati
     std::vector<double> variance(block.size, -1);
     double pooled = 0, known = 0;
     for (int i = 0; i < block.size; ++i) {
+      if (std::isnan(measured[block.offset + i])) continue;
       double s = 0, q = 0, m = 0;
       for (int k = 0; k < n; ++k) {
         const float x = value(k, block.offset + i);

@@ -17,8 +17,9 @@ class Standard {
   Standard() = default;
   /// Learned from simulations of one model (at least 4). `known_shift`, if given, holds for each simulation the change
   /// of its bias maps that its random pose makes (0 elsewhere); it is taken out before the spread is measured, since
-  /// poses are marginalised later (diagnose/metric.h).
-  Standard(const Layout& layout, const std::vector<StatVector>& simulations,
+  /// poses are marginalised later (diagnose/metric.h). Elements that `measured` does not know do not count: they would
+  /// be taken for measured without a residual.
+  Standard(const Layout& layout, const StatVector& measured, const std::vector<StatVector>& simulations,
            const std::vector<StatVector>& known_shift = {});
 
   bool empty() const { return mean_.empty(); }

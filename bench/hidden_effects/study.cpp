@@ -87,7 +87,7 @@ std::map<std::string, double> disagreement(const SceneForwardModel& forward, con
   const Experiment experiment(forward, model, cache);
   std::vector<Trial> trials;
   for (int k = 0; k < simulations; ++k) trials.push_back({model, truth.offsets, static_cast<std::uint64_t>(k + 1)});
-  const Standard standard(experiment.layout(), experiment.simulate(trials));
+  const Standard standard(experiment.layout(), StatVector(experiment.layout().size, 0.f), experiment.simulate(trials));
   std::vector<std::string> unreadable;
   const Whitened y = standard.standardise(
       experiment.measure([&](int capture, int frame) { return truth.recording[capture][frame]; }, unreadable).all);
