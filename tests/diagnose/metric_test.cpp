@@ -46,7 +46,7 @@ std::vector<StatVector> simulations(const Layout& layout, int count, float sigma
 
 TEST(Standard, ItsOwnSimulationsHaveUnitVariance) {
   const Layout layout = small_layout();
-  const Standard standard(layout, simulations(layout, 60, 0.5f, 100));
+  const Standard standard(layout, StatVector(layout.size, 0.f), simulations(layout, 60, 0.5f, 100));
   double sum = 0, count = 0;
   for (const auto& s : simulations(layout, 20, 0.5f, 900)) {
     const Whitened y = standard.linear(s);
@@ -61,7 +61,7 @@ TEST(Standard, ItsOwnSimulationsHaveUnitVariance) {
 TEST(Standard, UnknownElementsSayNothing) {
   const Layout layout = small_layout();
   auto sims = simulations(layout, 12, 1, 5);
-  const Standard standard(layout, sims);
+  const Standard standard(layout, StatVector(layout.size, 0.f), sims);
   StatVector all_unknown(layout.size, std::numeric_limits<float>::quiet_NaN());
   for (float v : standard.standardise(all_unknown)) EXPECT_EQ(v, 0);
 }
