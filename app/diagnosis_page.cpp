@@ -47,7 +47,9 @@ void ladder_section(Page& page, const Diagnosis& diagnosis) {
   Plot plot;
   plot.name = "ladder";
   plot.alt = "held-out score after each step";
-  plot.x_label = "effects added";
+  plot.caption =
+      "The error on captures held out, after each effect that was added. At the dashed line nothing is left but the "
+      "last model's own randomness.";
   plot.y_label = "held-out score (1 = nothing left)";
   Curve curve;
   curve.label = "held-out score";
@@ -61,17 +63,19 @@ void ladder_section(Page& page, const Diagnosis& diagnosis) {
                    "mask",
                    "edges",
                    "time",
+                   "poses",
                    "bias RMS (mm)",
                    "noise, measured / simulated",
                    "proper score"};
   for (const auto& step : diagnosis.ladder) {
     curve.x.push_back(step.step);
     curve.y.push_back(step.score.heldout);
-    std::vector<Cell> row{Cell(step.step), Cell(!step.removed.empty() ? "without " + step.removed
-                                                : step.added.empty() ? "(the model given)"
-                                                                     : step.added),
-                          Cell(step.score.heldout)};
-    for (const char* channel : {"bias", "noise", "spectrum", "mask", "edges", "time"}) {
+    const std::string name = !step.removed.empty() ? "without " + step.removed
+                             : step.added.empty()  ? "the model given"
+                                                   : step.added;
+    plot.x_ticks.emplace_back(step.step, step.step == 0 || !step.removed.empty() ? name : "+ " + name);
+    std::vector<Cell> row{Cell(step.step), Cell(name), Cell(step.score.heldout)};
+    for (const char* channel : {"bias", "noise", "spectrum", "mask", "edges", "time", "poses"}) {
       const auto at = step.score.by_channel.find(channel);
       row.push_back(at == step.score.by_channel.end() ? Cell("-") : Cell(at->second));
     }
@@ -86,6 +90,7 @@ void ladder_section(Page& page, const Diagnosis& diagnosis) {
     curve.label.clear();
     plot.curves.push_back(curve);
     plot.rules.push_back({1.0, "floor", false});
+    plot.x_range = {{-0.3, diagnosis.ladder.back().step + 0.3}};
     plot.y_range = {{0, 1.1 * *std::max_element(curve.y.begin(), curve.y.end())}};
     page.figure(draw(plot));
   }
@@ -168,18 +173,19 @@ std::string write_diagnosis_page(const Diagnosis& diagnosis, const DiagnosisRun&
   }
   if (!diagnosis.present.empty()) {
     page.section("What the model already had");
-    page.text("Its own parameters, fitted together with everything else. A hypothesis is only held against what no value "
-              "of these explains.");
+    page.text(
+        "Its own parameters, fitted together with everything else. A hypothesis is only held against what no value "
+        "of these explains.");
     Table table;
     table.columns = {"effect", "parameter", "unit", "given", "fitted (95 % interval)", "remark"};
     for (const auto& entry : diagnosis.present)
       table.rows.push_back({entry.id, entry.name, entry.unit, Cell(entry.given),
                             fmt::format("{} ({} .. {})", significant(entry.fitted, 4), significant(entry.low, 4),
                                         significant(entry.high, 4)),
-                            entry.superfluous    ? "as good as absent: this recording needs no such effect"
-                            : !entry.determined  ? "not determined by this recording"
-                            : entry.changed      ? "the value given does not fit this recording"
-                                                 : ""});
+                            entry.superfluous   ? "as good as absent: this recording needs no such effect"
+                            : !entry.determined ? "not determined by this recording"
+                            : entry.changed     ? "the value given does not fit this recording"
+                                                : ""});
     page.table(table);
   }
   if (!diagnosis.unexplained.empty()) {

@@ -134,6 +134,12 @@ Explained Metric::explain(const Whitened& residual, const std::vector<double>& p
     Eigen::Map<Eigen::VectorXf>(rest.data() + group.begin, group.end - group.begin) += group.change.transpose() * x;
   }
   result.chi = project(rest, &result.values, &result.global);
+  std::size_t local = 0;
+  for (const auto& group : groups_) {
+    for (int row : group.rows) result.local_square += result.values[row] * result.values[row];
+    local += group.rows.size();
+  }
+  if (local > 0) result.local_square /= static_cast<double>(local);
   if (global_centre.size()) {
     result.global += global_centre;
     for (int k = 0; k < g; ++k) result.values[global_index_[k]] = result.global[k];

@@ -19,8 +19,11 @@ struct NuisanceRow {
 
 /// A residual with the nuisances at their most probable values.
 struct Explained {
-  Whitened rest;               ///< what they leave, compressed; zero in captures that do not count
-  double chi = 0;              ///< square of the rest, plus the prior's part
+  Whitened rest;   ///< what they leave, compressed; zero in captures that do not count
+  double chi = 0;  ///< square of the rest, plus the prior's part
+  /// Mean square of the captures' own nuisances, in prior sigmas: about 1 or less where targets stand as they are said
+  /// to. 0 if there are none.
+  double local_square = 0;
   std::vector<double> values;  ///< of the nuisances, in the order of the rows, from the prior's centre
   Eigen::VectorXd global;      ///< those of the global rows
 };

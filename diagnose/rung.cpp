@@ -82,7 +82,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.most_frames = short_frames;
     fit.shorten_series = !series;
     fit.iterations = options.iterations;
-    fit.converged = pass + 1 < options.passes ? 20 : 2;  // the weights of the first pass are not the model's own yet
+    fit.converged = pass + 1 < options.passes ? 100 : 2;  // the weights of the first pass are not the model's own yet
     fit.seed = options.seed + 500;
     fit.place = values_of(motions, rung.offsets);
     if (pass + 1 == options.passes) fit.scan_ids = ids;
@@ -165,15 +165,18 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   if (const double count = static_cast<double>(rung.nulls.size()); count > 1)
     rung.fit.scatter = ((square - sum.cwiseProduct(sum) / count) / (count - 1)).cwiseMax(0).cwiseSqrt();
   if (null_square > 0) rung.dispersion = std::max(1.0, rung.train.explain(rung.data, rung.place).chi / null_square);
-  rung.rest = rest_of(rung, rung.data, rung.place);
+  Remains remains = remains_of(rung, rung.data, rung.place);
+  rung.rest = std::move(remains.rest);
+  rung.train_poses = remains.train_poses;
+  rung.test_poses = remains.test_poses;
   return rung;
 }
 
-Whitened rest_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place) {
+Remains remains_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place) {
   Explained train = rung.train.explain(difference, place);
   const Explained test = rung.test.explain(difference, place, train.global);
   for (std::size_t i = 0; i < train.rest.size(); ++i) train.rest[i] += test.rest[i];  // one of them is 0
-  return train.rest;
+  return {std::move(train.rest), train.local_square, test.local_square};
 }
 
 }  // namespace binrig

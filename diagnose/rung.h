@@ -19,7 +19,8 @@ struct Rung {
   std::vector<double> place;            ///< of the nuisances at `offsets`, see Metric::explain
   Whitened data;                        ///< y of the measurement, not compressed
   Whitened rest;                        ///< what the nuisances leave of it, compressed, train and test
-  double dispersion = 1;                ///< mean square of the residual on train over that of the nulls, at least 1
+  double train_poses = 0, test_poses = 0;  ///< Remains
+  double dispersion = 1;                   ///< mean square of the residual on train over that of the nulls, at least 1
 };
 
 struct RungOptions {
@@ -29,9 +30,13 @@ struct RungOptions {
   std::uint64_t seed = 1;
 };
 
-/// What a rung's nuisances leave of a difference between data and simulations made with nuisances at `place`, train and
-/// test, compressed. Global nuisances are found on train and carried over.
-Whitened rest_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place);
+/// What a rung's nuisances leave of a difference between data and simulations made with nuisances at `place`. Global
+/// nuisances are found on train and carried over.
+struct Remains {
+  Whitened rest;                           ///< train and test, compressed
+  double train_poses = 0, test_poses = 0;  ///< Explained::local_square
+};
+Remains remains_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place);
 
 /// Fits poses and parameters from a start and learns the model's randomness.
 Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,

@@ -6,8 +6,14 @@
 namespace binrig {
 namespace {
 
-/// Mean square by segment of a vector on one side of the split; -1 where nothing is known.
-std::vector<double> mean_squares(const Layout& layout, const Standard& standard, const Whitened& y, bool train) {
+/// "poses" follows the segments of the statistics.
+std::size_t parts() { return segments().size() + 1; }
+std::string part_name(std::size_t s) { return s < segments().size() ? segments()[s].name : "poses"; }
+std::string part_group(std::size_t s) { return s < segments().size() ? segments()[s].group : "poses"; }
+
+/// Mean square by segment of a residual on one side of the split; -1 where nothing is known.
+std::vector<double> mean_squares(const Layout& layout, const Standard& standard, const Whitened& y, double poses,
+                                 bool train) {
   std::vector<double> sum(segments().size(), 0), count(segments().size(), 0);
   for (const auto& block : layout.blocks) {
     if (block.train != train) continue;
@@ -15,6 +21,7 @@ std::vector<double> mean_squares(const Layout& layout, const Standard& standard,
       if (standard.spread()[i] > 0) sum[block.segment] += static_cast<double>(y[i]) * y[i], count[block.segment] += 1;
   }
   for (std::size_t s = 0; s < sum.size(); ++s) sum[s] = count[s] > 0 ? sum[s] / count[s] : -1;
+  sum.push_back(poses);
   return sum;
 }
 
@@ -22,10 +29,11 @@ std::vector<double> mean_squares(const Layout& layout, const Standard& standard,
 
 std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
                           const std::vector<Rung>& rungs) {
-  std::vector<double> floor(segments().size(), 0);
+  std::vector<double> floor(parts(), 0);
   std::vector<std::vector<double>> nulls;
   for (const auto& null : last.nulls) {
-    nulls.push_back(mean_squares(layout, last.standard, last.test.explain(null).rest, false));
+    const Explained own = last.test.explain(null);
+    nulls.push_back(mean_squares(layout, last.standard, own.rest, own.local_square, false));
     for (std::size_t s = 0; s < floor.size(); ++s) floor[s] += nulls.back()[s] / last.nulls.size();
   }
   const auto average = [&](const std::vector<double>& squares) {
@@ -45,8 +53,8 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
     for (std::size_t i = 0; i < data.size(); ++i) difference[i] = data[i] - model->mean()[i];
     std::vector<double> place = rung.place;  // of the targets, which come first; parameters stand at 0
     place.resize(last.place.size(), 0);
-    const auto squares =
-        mean_squares(layout, last.standard, rest_of(last, last.standard.difference(difference), place), false);
+    const Remains remains = remains_of(last, last.standard.difference(difference), place);
+    const auto squares = mean_squares(layout, last.standard, remains.rest, remains.test_poses, false);
     Score score;
     score.heldout = average(squares);
     if (!own.empty()) {
@@ -56,9 +64,9 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
     std::map<std::string, double> count;
     for (std::size_t s = 0; s < squares.size(); ++s) {
       if (squares[s] < 0 || floor[s] <= 0) continue;
-      score.by_segment[segments()[s].name] = 1 + squares[s] - floor[s];
-      score.by_channel[segments()[s].group] += 1 + squares[s] - floor[s];
-      count[segments()[s].group] += 1;
+      score.by_segment[part_name(s)] = 1 + squares[s] - floor[s];
+      score.by_channel[part_group(s)] += 1 + squares[s] - floor[s];
+      count[part_group(s)] += 1;
     }
     for (auto& [channel, value] : score.by_channel) value /= count[channel];
 
@@ -99,17 +107,20 @@ std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung) 
   std::vector<SegmentFit> result;
   for (bool train : {true, false}) {
     const Metric& metric = train ? rung.train : rung.test;
-    const auto measured = mean_squares(layout, rung.standard, rung.rest, train);
+    const auto measured =
+        mean_squares(layout, rung.standard, rung.rest, train ? rung.train_poses : rung.test_poses, train);
     std::vector<double> sum(measured.size(), 0), square(measured.size(), 0);
     for (const auto& null : rung.nulls) {
-      const auto own = mean_squares(layout, rung.standard, metric.explain(null).rest, train);
+      const Explained explained = metric.explain(null);
+      const auto own = mean_squares(layout, rung.standard, explained.rest, explained.local_square, train);
       for (std::size_t s = 0; s < own.size(); ++s) sum[s] += own[s], square[s] += own[s] * own[s];
     }
     const double n = static_cast<double>(rung.nulls.size());
     for (std::size_t s = 0; s < measured.size(); ++s) {
       if (measured[s] < 0 || sum[s] <= 0) continue;
       const double mean = sum[s] / n, variance = std::max(0.0, square[s] / n - mean * mean);
-      result.push_back({static_cast<int>(s), train, measured[s] / mean, measured[s] - mean, std::sqrt(variance)});
+      result.push_back(
+          {part_name(s), part_group(s), train, measured[s] / mean, measured[s] - mean, std::sqrt(variance)});
     }
   }
   return result;

@@ -9,9 +9,10 @@ namespace binrig {
 std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
                           const std::vector<Rung>& rungs);
 
-/// A segment on one side of the split against the model's own simulations.
+/// A segment on one side of the split against the model's own simulations. Beside the segments of the statistics there
+/// is "poses": how far from nominal, in their stated uncertainty, targets must stand for the model to be right.
 struct SegmentFit {
-  int segment = 0;
+  std::string segment, group;
   bool train = true;
   double ratio = 1;   ///< mean square of the residual over the simulations'
   double excess = 0;  ///< the difference of these mean squares (1 = randomness and practical floor together)

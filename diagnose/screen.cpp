@@ -2,10 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
+#include <functional>
 
 #include <fmt/format.h>
 #include <Eigen/Cholesky>
 #include <opencv2/core.hpp>
+
+#include "core/parallel.h"
 
 namespace binrig {
 namespace {
@@ -16,6 +20,7 @@ constexpr double pi = 3.14159265358979323846;
 
 /// One cell of a map with its covariates.
 struct Cell {
+  int index;  // in the vector
   bool train;
   float residual;  // whitened, nuisances taken out
   float change;    // stabilised units: measured less simulated
@@ -33,7 +38,7 @@ std::vector<Cell> cells_of(const Experiment& experiment, const Rung& rung, const
   const Whitened& rest = rung.rest;
   std::vector<Cell> cells;
   for (const auto& block : experiment.layout().blocks) {
-    if (segments()[block.segment].name != segment_name) continue;
+    if (segments()[block.segment].name != segment_name || block.rows == 1) continue;
     const StatisticContext& context = experiment.context(block.capture);
     const Channels& nominal = experiment.nominal(block.capture);
     const auto light =
@@ -51,7 +56,8 @@ std::vector<Cell> cells_of(const Experiment& experiment, const Rung& rung, const
           light->diffuse.empty() ? 0.4 : std::max(0.01, static_cast<double>(light->diffuse.at<float>(v, u)));
       const double disparity = context.focal_baseline / z;
       cells.push_back(
-          {block.train,
+          {k,
+           block.train,
            rest[k],
            data[k] - rung.standard.mean()[k],
            at.x(u),
@@ -64,54 +70,134 @@ std::vector<Cell> cells_of(const Experiment& experiment, const Rung& rung, const
   return cells;
 }
 
-/// Held-out gain of predicting the residual by its train mean in each of a number of classes.
-double class_gain(const std::vector<Cell>& cells, const std::vector<int>& classes, int count) {
-  std::vector<double> sum(count, 0), number(count, 0);
-  for (std::size_t i = 0; i < cells.size(); ++i)
-    if (cells[i].train) sum[classes[i]] += cells[i].residual, number[classes[i]] += 1;
-  double gain = 0;
-  for (std::size_t i = 0; i < cells.size(); ++i) {
-    if (cells[i].train) continue;
-    const int c = classes[i];
-    const double predicted = sum[c] / (number[c] + 2);  // a prior of unit variance about zero, twice
-    gain += 2 * predicted * cells[i].residual - predicted * predicted;
+/// Shapes in the statistics that are fitted to the residual on train, as hypotheses are: whitened like it, with what
+/// poses, lens and the model's own parameters could make of them taken out.
+struct Shapes {
+  std::vector<Whitened> change;  ///< by shape, sloped where the residual is compressed
+  Eigen::MatrixXd train, test;   ///< Gram matrices
+  Eigen::VectorXd on_train, on_test;
+
+  /// Coefficients from train, about zero with a prior worth two cells of unit variance.
+  Eigen::VectorXd coefficients() const {
+    Eigen::MatrixXd a = train;
+    a.diagonal().array() += 2;
+    return a.ldlt().solve(on_train);
   }
-  return gain;
+  double heldout_gain() const {
+    const Eigen::VectorXd c = coefficients();
+    return 2 * c.dot(on_test) - c.dot(test * c);
+  }
+};
+
+/// One shape a column: value(cell, shape) in stabilised units.
+Shapes shapes_of(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells, int count,
+                 const std::function<double(const Cell&, int)>& value) {
+  Shapes shapes;
+  shapes.change.resize(count);
+  std::vector<Whitened> train(count), test(count);
+  parallel_for(count, [&](int k) {
+    StatVector raw(experiment.layout().size, 0.f);
+    for (const Cell& cell : cells) raw[cell.index] = static_cast<float>(value(cell, k));
+    shapes.change[k] = rung.standard.difference(raw);
+    for (std::size_t i = 0; i < rung.rest.size(); ++i) shapes.change[k][i] *= compression_slope(rung.rest[i]);
+    train[k] = rung.train.apply(shapes.change[k]);
+    test[k] = rung.test.apply(shapes.change[k]);
+  });
+  shapes.train.resize(count, count);
+  shapes.test.resize(count, count);
+  shapes.on_train.resize(count);
+  shapes.on_test.resize(count);
+  parallel_for(count, [&](int k) {
+    for (int j = 0; j <= k; ++j) {
+      shapes.train(k, j) = shapes.train(j, k) = dot(train[k], shapes.change[j]);
+      shapes.test(k, j) = shapes.test(j, k) = dot(test[k], shapes.change[j]);
+    }
+    shapes.on_train[k] = dot(train[k], rung.rest);
+    shapes.on_test[k] = dot(test[k], rung.rest);
+  });
+  return shapes;
 }
 
-std::vector<int> covariate_classes(const std::vector<Cell>& cells, std::size_t covariate) {
+/// A covariate cut into classes of equal number.
+double curve_gain(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells,
+                  std::size_t covariate) {
   std::vector<double> sorted;
   for (const auto& cell : cells) sorted.push_back(cell.covariates[covariate]);
   std::sort(sorted.begin(), sorted.end());
   std::vector<double> edges;
   for (int h = 1; h < hats; ++h) edges.push_back(sorted[sorted.size() * h / hats]);
-  std::vector<int> classes;
-  for (const auto& cell : cells)
-    classes.push_back(
-        static_cast<int>(std::upper_bound(edges.begin(), edges.end(), cell.covariates[covariate]) - edges.begin()));
-  return classes;
+  return shapes_of(experiment, rung, cells, hats,
+                   [&](const Cell& cell, int k) {
+                     return std::upper_bound(edges.begin(), edges.end(), cell.covariates[covariate]) - edges.begin() ==
+                                    k
+                                ? 1.
+                                : 0.;
+                   })
+      .heldout_gain();
+}
+
+double map_gain(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells) {
+  return shapes_of(experiment, rung, cells, map_cols * map_rows,
+                   [](const Cell& cell, int k) {
+                     const int col = std::clamp(static_cast<int>((cell.x + 1) / 2 * map_cols), 0, map_cols - 1);
+                     const int row = std::clamp(static_cast<int>((cell.y + 0.75) / 1.5 * map_rows), 0, map_rows - 1);
+                     return row * map_cols + col == k ? 1. : 0.;
+                   })
+      .heldout_gain();
 }
 
 struct Step {
   double angle = 0, offset = 0, gain = 0, height = 0;
 };
 
-/// The straight line in the image across which the residual jumps.
-Step best_step(const std::vector<Cell>& cells) {
+/// The straight line in the image across which the residual jumps: sought on a grid, then closer about the best.
+Step best_step(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells) {
   Step best;
-  std::vector<int> classes(cells.size());
-  for (int a = 0; a < 24; ++a)
-    for (int o = -9; o <= 9; ++o) {
-      const double angle = a * pi / 24, offset = o * 0.09;
-      for (std::size_t i = 0; i < cells.size(); ++i)
-        classes[i] = cells[i].x * std::cos(angle) + cells[i].y * std::sin(angle) > offset;
-      const double gain = class_gain(cells, classes, 2);
-      if (gain <= best.gain) continue;
-      double sum[2] = {0, 0}, count[2] = {0, 0};
-      for (std::size_t i = 0; i < cells.size(); ++i) sum[classes[i]] += cells[i].change, count[classes[i]] += 1;
-      best = {angle, offset, gain, count[0] > 0 && count[1] > 0 ? sum[1] / count[1] - sum[0] / count[0] : 0};
+  const auto look = [&](const std::vector<Step>& lines) {
+    std::vector<Step> found = lines;
+    const Shapes all = shapes_of(experiment, rung, cells, static_cast<int>(lines.size()), [&](const Cell& cell, int k) {
+      return cell.x * std::cos(lines[k].angle) + cell.y * std::sin(lines[k].angle) > lines[k].offset ? 1. : 0.;
+    });
+    for (std::size_t k = 0; k < lines.size(); ++k) {
+      const int i = static_cast<int>(k);
+      const double height = all.on_train[i] / (all.train(i, i) + 2);
+      const double gain = 2 * height * all.on_test[i] - height * height * all.test(i, i);
+      if (gain > best.gain) best = {lines[k].angle, lines[k].offset, gain, height};
     }
+  };
+  std::vector<Step> lines;
+  for (int a = 0; a < 12; ++a)
+    for (int o = -4; o <= 4; ++o) lines.push_back({a * pi / 12, o * 0.18});
+  look(lines);
+  for (double width : {1.0, 0.3, 0.1}) {
+    const Step centre = best;
+    lines.clear();
+    for (int a = -2; a <= 2; ++a)
+      for (int o = -2; o <= 2; ++o)
+        lines.push_back({centre.angle + a * width * pi / 30, centre.offset + o * width * 0.06});
+    look(lines);
+  }
   return best;
+}
+
+/// Height of a step where nothing is compressed: chi on train is least.
+double step_height(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells, const Step& step) {
+  StatVector raw(experiment.layout().size, 0.f);
+  for (const Cell& cell : cells)
+    raw[cell.index] = cell.x * std::cos(step.angle) + cell.y * std::sin(step.angle) > step.offset ? 1.f : 0.f;
+  const Whitened change = rung.standard.difference(raw);
+  const auto chi = [&](double height) {
+    Whitened y = rung.data;
+    for (std::size_t i = 0; i < y.size(); ++i) y[i] -= static_cast<float>(height) * change[i];
+    return rung.train.explain(y, rung.place).chi;
+  };
+  double low = std::min(0.0, 3 * step.height), high = std::max(0.0, 3 * step.height);
+  constexpr double golden = 0.6180339887;
+  for (int k = 0; k < 16; ++k) {
+    const double a = high - golden * (high - low), b = low + golden * (high - low);
+    (chi(a) < chi(b) ? high : low) = chi(a) < chi(b) ? b : a;
+  }
+  return (low + high) / 2;
 }
 
 /// A parabola of the change over a covariate, as a formula effect's YAML.
@@ -150,17 +236,18 @@ void screen(const Experiment& experiment, const Rung& rung, const StatVector& da
 
     std::vector<std::pair<double, std::size_t>> gains;
     for (std::size_t k = 0; k < covariate_names.size(); ++k)
-      gains.emplace_back(class_gain(cells, covariate_classes(cells, k), hats), k);
+      gains.emplace_back(curve_gain(experiment, rung, cells, k), k);
     std::sort(gains.rbegin(), gains.rend());
-    std::vector<int> places;
-    for (const auto& cell : cells) {
-      const int col = std::clamp(static_cast<int>((cell.x + 1) / 2 * map_cols), 0, map_cols - 1);
-      const int row = std::clamp(static_cast<int>((cell.y + 0.75) / 1.5 * map_rows), 0, map_rows - 1);
-      places.push_back(row * map_cols + col);
+    const double map = map_gain(experiment, rung, cells);
+    const Step step = best_step(experiment, rung, cells);
+    const double best = std::max({map, step.gain, gains[0].first});
+    if (std::getenv("BINRIG_TRACE")) {
+      fmt::print(stderr,
+                 "screen {}: excess {:.0f}, map {:.0f}, step {:.0f} (angle {:.3f}, offset {:.3f}, height {:.3f})",
+                 entry.segment, excess, map, step.gain, step.angle, step.offset, step.height);
+      for (const auto& [gain, k] : gains) fmt::print(stderr, ", {} {:.0f}", covariate_names[k], gain);
+      fmt::print(stderr, "\n");
     }
-    const double map_gain = class_gain(cells, places, map_cols * map_rows);
-    const Step step = best_step(cells);
-    const double best = std::max({map_gain, step.gain, gains[0].first});
     if (best < 20) continue;  // nothing goes with it
     entry.share = std::clamp(best / excess, 0.0, 1.0);
     for (const auto& [gain, k] : gains)
@@ -170,14 +257,15 @@ void screen(const Experiment& experiment, const Rung& rung, const StatVector& da
       entry.shape =
           fmt::format("a step across a straight line in the image, normal at {:.0f} deg", step.angle * 180 / pi);
       if (depth) {
-        entry.shape += fmt::format(", {:.2g} mm high", step.height);
+        const double height = step_height(experiment, rung, cells, step);
+        entry.shape += fmt::format(", {:.2g} mm high", std::abs(height));
         entry.formula = fmt::format(
             "- formula: {{id: unexplained, stage: geometry, on: depth,\n"
             "    expression: \"a*(x*{:.4f} + y*{:.4f} > {:.3f})\", parameters: {{a: {:.4g}}}}}",
-            std::cos(step.angle), std::sin(step.angle), step.offset, step.height);
+            std::cos(step.angle), std::sin(step.angle), step.offset, height);
       }
       if (entry.covariates.empty()) entry.covariates = {"x", "y"};
-    } else if (map_gain > 1.3 * gains[0].first) {
+    } else if (map > 1.3 * gains[0].first) {
       entry.shape = "a pattern fixed in the image";
       if (entry.covariates.empty()) entry.covariates = {"x", "y"};
     } else {

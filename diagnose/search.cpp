@@ -33,8 +33,8 @@ Remainder remainder_of(const Experiment& experiment, const Rung& rung, const Sen
   return {std::move(simulated.mean), train.chi, test.chi, std::move(train.values)};
 }
 
-/// The same with the targets where this model wants them: under the model of the rung they may have been moved far
-/// away to make up for what it lacks.
+/// The same with the targets where this model wants them: under the rung's model they may have been moved far away to
+/// make up for what it lacks.
 Remainder registered_remainder(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                                const SensorModel& model, const SearchOptions& options) {
   Remainder nominal = remainder_of(experiment, rung, model, {}, {}, options);
@@ -113,7 +113,7 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
   std::vector<int> order(count);
   std::iota(order.begin(), order.end(), 0);
   std::sort(order.begin(), order.end(), [&](int a, int b) { return result.linear[a].gain > result.linear[b].gain; });
-  const Remainder base = remainder_of(experiment, rung, rung.model, rung.offsets, rung.place, options);
+  const Remainder base = registered_remainder(experiment, motions, rung, rung.model, options);
   for (int h : order) {
     if (static_cast<int>(result.refined.size()) >= options.refine) break;
     if (result.linear[h].gain / rung.dispersion - result.prices[h] < result.gate) continue;

@@ -163,13 +163,11 @@ void compress(Whitened& residual) {
 float compression_slope(float compressed) { return 1.f / std::cosh(compressed / compression); }
 
 double dot(const Whitened& a, const Whitened& b) {
+  constexpr std::size_t piece = 2048;  // summed in single precision
   double total = 0;
-  const std::size_t n = a.size();
-  for (std::size_t i = 0; i < n;) {
-    float part = 0;
-    const std::size_t end = std::min(n, i + 2048);
-    for (; i < end; ++i) part += a[i] * b[i];
-    total += part;
+  for (std::size_t i = 0; i < a.size(); i += piece) {
+    const auto n = static_cast<Eigen::Index>(std::min(piece, a.size() - i));
+    total += Eigen::Map<const Eigen::VectorXf>(a.data() + i, n).dot(Eigen::Map<const Eigen::VectorXf>(b.data() + i, n));
   }
   return total;
 }

@@ -110,6 +110,11 @@ std::string script(const Plot& plot, const std::string& output) {
   if (plot.log_x) text += "set logscale x\nset format x '%h'\n";
   if (plot.log_y) text += "set logscale y\nset format y '%h'\n";
   text += fmt::format("set xrange {}\nset yrange {}\n", range_text(plot.x_range), range_text(plot.y_range));
+  if (!plot.x_ticks.empty()) {
+    std::vector<std::string> ticks;
+    for (const auto& [at, label] : plot.x_ticks) ticks.push_back(fmt::format("{} {}", quoted(label), at));
+    text += fmt::format("set xtics ({})\n", fmt::join(ticks, ", "));
+  }
   for (const Rule& rule : plot.rules) {
     const std::string place = plot.log_x && rule.vertical && rule.at <= 0 ? "" : fmt::format("{}", rule.at);
     if (place.empty() || (!rule.vertical && plot.log_y && rule.at <= 0)) continue;

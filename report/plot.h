@@ -48,7 +48,8 @@ struct Plot {
   std::string title, x_label, y_label;  ///< labels carry the unit: "frequency (cycles/px)"
   bool log_x = false, log_y = false;
   std::optional<std::array<double, 2>> x_range, y_range;
-  std::vector<Band> bands;  ///< drawn first
+  std::vector<std::pair<double, std::string>> x_ticks;  ///< where and what; empty = numbers where they fit
+  std::vector<Band> bands;                              ///< drawn first
   std::vector<Curve> curves;
   std::vector<Rule> rules;
   int width_px = 520, height_px = 340;
