@@ -17,8 +17,9 @@ namespace {
 
 // Pieces are shrunk by the margin that Bullet adds again around them, so that they touch where the part's faces do.
 constexpr double margin_mm = 0.05;
-constexpr double hard_depth_mm = 0.12;
-constexpr int hard_work = 4;
+// Contacts deeper than these take the solver more rounds.
+constexpr double hard_depth_mm = 0.12, hardest_depth_mm = 0.3;
+constexpr int hard_work = 4, hardest_work = 25;
 constexpr double tilt_rate_rad_s = 0.5, steepest_tilt_rad = 1.5;
 constexpr double shake_s = 1.0, shake_hz = 5, shake_gravities = 1.5;
 constexpr double most_travel_mm = 0.3;
@@ -322,7 +323,8 @@ struct Stacking::Impl {
 
   void substep(double seconds) {
     // A heavy part on a light one takes the solver more rounds to stop.
-    world.getSolverInfo().m_numIterations = settings.iterations * (depth_mm > hard_depth_mm ? hard_work : 1);
+    const int work = depth_mm > hardest_depth_mm ? hardest_work : depth_mm > hard_depth_mm ? hard_work : 1;
+    world.getSolverInfo().m_numIterations = settings.iterations * work;
     world.stepSimulation(btScalar(seconds), 0);
     depth_mm = 0;
     const auto linear = btScalar(settings.most_linear_mm_s), angular = btScalar(settings.most_angular_rad_s);
