@@ -113,6 +113,7 @@ class Climb {
 
     RungOptions again = rung_options_;
     again.simulations = std::max(16, options_.simulations / 2);
+    again.added = best->id;
     // What the model had before was bent to make up for what was missing: it begins anew where the user put it.
     SensorModel start = best->model;
     for (auto& instance : start.effects)

@@ -192,7 +192,10 @@ void Experiment::simulate_capture(const Trial& trial, int c, StatVector& vector)
       shortened_frames(trial.most_frames, trial.shorten_series, captures()[c], context.frames);
   CaptureStatistics statistics(context);
   request.capture = c;
-  request.model = &trial.model;
+  // Nobody knows the maps of the unit that was measured: every simulated recording is one of another unit.
+  SensorModel unit = trial.model;
+  unit.unit_seed = mix_keys(unit.unit_seed, trial.seed);
+  request.model = &unit;
   if (!trial.offsets.empty()) request.offset = trial.offsets[c];
   request.seed = trial.seed;
   forward_.simulate(request, [&](const Frame& frame, int number) {

@@ -337,7 +337,33 @@ class Fitter {
     }
   }
 
-  /// Whole numbers and places, value by value.
+  /// Tries a value of a parameter; keeps it if chi falls.
+  bool try_value(const std::string& id, const ParameterSpec& spec, double value) {
+    value = std::clamp(value, spec.lower, spec.upper);
+    if (value == now_.model.find(id)->value(spec.name)) return false;
+    SensorModel changed = now_.model;
+    find_instance(changed, id)->values[spec.name].value = value;
+    State next = evaluate(changed, fit_.value);
+    if (std::getenv("BINRIG_TRACE"))
+      fmt::print(stderr, "  {}.{} = {:.5g}: chi {:.0f} (best {:.0f})\n", id, spec.name, value, next.chi, now_.chi);
+    if (next.chi >= now_.chi - 1) return false;
+    now_ = std::move(next);
+    return true;
+  }
+
+  /// Periods and steps have narrow valleys: the whole typical range, then closer and closer about the best.
+  void scan_range(const std::string& id, const ParameterSpec& spec) {
+    constexpr int places = 13;
+    constexpr double closest = 1.003;
+    const double ratio = std::pow(spec.typical_high / spec.typical_low, 1.0 / (places - 1));
+    for (int k = 0; k < places; ++k) try_value(id, spec, spec.typical_low * std::pow(ratio, k));
+    for (double r = std::sqrt(ratio); r > closest;) {
+      const double value = now_.model.find(id)->value(spec.name);
+      if (!try_value(id, spec, value * r) && !try_value(id, spec, value / r)) r = std::sqrt(r);
+    }
+  }
+
+  /// Whole numbers, places, periods and steps, value by value.
   void scan() {
     const EffectCatalogue& catalogue = experiment_.forward().catalogue();
     for (const auto& id : options_.scan_ids) {
@@ -345,19 +371,18 @@ class Fitter {
       if (!instance) continue;
       for (const auto& spec : instance->declaration(catalogue).parameters) {
         if (spec.kind != ParameterKind::integer && spec.interpolate) continue;
+        if (id == options_.scan_ranges_of && spec.kind != ParameterKind::integer && spec.log_scaled &&
+            spec.typical_low > 0) {
+          scan_range(id, spec);
+          continue;
+        }
         for (double direction : {1.0, -1.0})
           for (int moves = 0; moves < (spec.either_sign ? 5 : 2); ++moves) {
             const double value = now_.model.find(id)->value(spec.name);
             const double step = spec.kind == ParameterKind::integer ? std::max(1.0, std::round(0.25 * value))
                                 : spec.either_sign                  ? 0.06 * spec.typical_high
                                                                     : 0.2 * value;
-            const double other = std::clamp(value + direction * step, spec.lower, spec.upper);
-            if (other == value) break;
-            SensorModel changed = now_.model;
-            find_instance(changed, id)->values[spec.name].value = other;
-            State next = evaluate(changed, fit_.value);
-            if (next.chi >= now_.chi - 1) break;
-            now_ = std::move(next);
+            if (!try_value(id, spec, value + direction * step)) break;
           }
       }
     }

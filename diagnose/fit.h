@@ -40,6 +40,7 @@ struct FitOptions {
   const std::vector<Whitened>* slopes = nullptr;
   std::vector<bool> paused;           ///< Fit::paused of a fit nearby
   std::vector<std::string> scan_ids;  ///< instances whose whole-number parameters are varied, too
+  std::string scan_ranges_of;         ///< of this instance, periods and steps are sought over the whole typical range
 };
 
 struct Fit {

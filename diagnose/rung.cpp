@@ -85,7 +85,13 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.converged = pass + 1 < options.passes ? 100 : 2;  // the weights of the first pass are not the model's own yet
     fit.seed = options.seed + 500;
     fit.place = values_of(motions, rung.offsets);
-    if (pass + 1 == options.passes) fit.scan_ids = ids;
+    if (pass + 1 == options.passes) {
+      fit.scan_ids = ids;
+    } else if (!options.added.empty()) {
+      // What it was refined with were the parameters of a model that lacked it.
+      fit.scan_ids = {options.added};
+      fit.scan_ranges_of = options.added;
+    }
     const Metric metric(layout, Part::train, rows);
     rung.fit = fit_model(experiment, rung.standard, metric, rung.standard.linear(few), rung.model, parameters,
                          rung.offsets, fit);

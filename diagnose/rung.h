@@ -27,6 +27,7 @@ struct RungOptions {
   int simulations = 48;
   int pose_draws = 12;  ///< different random registrations among the simulations
   int passes = 2, iterations = 8;
+  std::string added;  ///< id of the effect that this model has and the one before had not
   std::uint64_t seed = 1;
 };
 

@@ -62,6 +62,7 @@ Refined refine(const Experiment& experiment, const Rung& rung, const Measurement
   fit.converged = 1;
   fit.seed = options.seed + 40;
   fit.scan_ids = {refined.id};
+  fit.scan_ranges_of = refined.id;
   const auto parameters = fit_parameters(model, catalogue, {refined.id});
   const std::vector<Offset> nominal(experiment.layout().captures);
   const Whitened few = rung.standard.linear(measured.at(fit.most_frames, fit.shorten_series));
@@ -79,6 +80,12 @@ Refined refine(const Experiment& experiment, const Rung& rung, const Measurement
   return refined;
 }
 
+double quantile(std::vector<double> values, double q) {
+  const auto at = values.begin() + static_cast<long>(q * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
 }  // namespace
 
 SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
@@ -89,7 +96,6 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
   const Ranking ranking(experiment, rung, hypotheses, signatures);
   result.linear = ranking.gains(rung.rest);
   result.null_gains.resize(count);
-  std::vector<double> best_null;
   std::vector<std::vector<LinearGain>> nulls;
   for (const auto& null : rung.nulls) nulls.push_back(ranking.gains(rung.train.explain(null).rest));
   for (int h = 0; h < count; ++h) {
@@ -101,24 +107,48 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
     result.prices.push_back(mean);
     result.p_values.push_back(gain_p_value(result.linear[h].gain / rung.dispersion, result.null_gains[h]));
   }
-  double mean = 0, square = 0;
+  // A few wild simulations of one hypothesis (holes where none of the others has any) must not hide all others: the
+  // common bar is a robust one, and each hypothesis has to clear its own besides.
+  std::vector<double> best_null;
   for (const auto& null : nulls) {
     double best = 0;
     for (int h = 0; h < count; ++h) best = std::max(best, null[h].gain - result.prices[h]);
-    mean += best / nulls.size();
-    square += best * best / nulls.size();
+    best_null.push_back(best);
   }
-  result.gate = mean + 3 * std::sqrt(std::max(0.0, square - mean * mean));
+  const double middle = quantile(best_null, 0.5);
+  result.gate = middle + 3 * std::max((quantile(best_null, 0.84) - middle), 0.3 * middle);
+  std::vector<double> own_gate(count);
+  for (int h = 0; h < count; ++h) {
+    double square = 0;
+    for (double gain : result.null_gains[h]) square += std::pow(gain - result.prices[h], 2) / nulls.size();
+    own_gate[h] = std::max(result.gate, 3 * std::sqrt(square));
+  }
 
   std::vector<int> order(count);
   std::iota(order.begin(), order.end(), 0);
   std::sort(order.begin(), order.end(), [&](int a, int b) { return result.linear[a].gain > result.linear[b].gain; });
   const Remainder base = registered_remainder(experiment, motions, rung, rung.model, options);
+  // Where much is unexplained, the linear view of signatures may mislead: what is left when they are simulated decides
+  // who is fitted.
+  std::vector<std::pair<double, int>> shortlist;
   for (int h : order) {
-    if (static_cast<int>(result.refined.size()) >= options.refine) break;
-    if (result.linear[h].gain / rung.dispersion - result.prices[h] < result.gate) continue;
+    if (static_cast<int>(shortlist.size()) >= options.shortlist) break;
+    if (result.linear[h].gain / rung.dispersion - result.prices[h] < own_gate[h]) continue;
+    shortlist.emplace_back(0, h);
+  }
+  if (rung.dispersion > options.linear_until && static_cast<int>(shortlist.size()) > options.refine)
+    for (auto& [chi, h] : shortlist)
+      chi = remainder_of(experiment, rung,
+                         with_effect(rung.model, experiment.forward().catalogue(), hypotheses.tested[h].effect,
+                                     result.linear[h].values),
+                         {}, {}, options)
+                .train;
+  std::stable_sort(shortlist.begin(), shortlist.end(), [](auto& a, auto& b) { return a.first < b.first; });
+  shortlist.resize(std::min<std::size_t>(shortlist.size(), options.refine));
+  for (const auto& [chi, h] : shortlist) {
     Refined refined = refine(experiment, rung, measured, hypotheses.tested[h], result.linear[h], options);
     refined.price = result.prices[h];
+    refined.gate = own_gate[h];
     refined.p = result.p_values[h];
     const Remainder with = registered_remainder(experiment, motions, rung, refined.model, options);
     refined.train_gain = (base.train - with.train) / rung.dispersion;
@@ -136,7 +166,7 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
 const Refined* SearchResult::accepted(const SearchOptions& options) const {
   for (const auto& candidate : refined)
     if (candidate.test_gain > options.least_test_gain &&
-        candidate.train_gain - candidate.price > std::max(gate, options.least_train_gain))
+        candidate.train_gain - candidate.price > std::max(candidate.gate, options.least_train_gain))
       return &candidate;
   return nullptr;
 }

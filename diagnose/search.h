@@ -14,6 +14,7 @@ struct Refined {
   SensorModel model;                     ///< the rung's model with the effect at its best parameters
   Fit fit;                               ///< of the effect's parameters
   double linear_gain = 0, price = 0;     ///< of the shortlist: gain of the signatures, and what a null gains on average
+  double gate = 0;                       ///< what gain less price has to exceed
   double train_gain = 0, test_gain = 0;  ///< of chi, by simulation, dispersion divided out
   PValue p;
   Whitened change;  ///< what it moves, all captures
@@ -21,7 +22,9 @@ struct Refined {
 };
 
 struct SearchOptions {
-  int refine = 4;  ///< so many of the shortlist
+  int shortlist = 12;         ///< so many with the largest linear gain are simulated as they are,
+  double linear_until = 1.3;  ///< where the rung's dispersion is larger than this
+  int refine = 4;             ///< so many are fitted
   int seeds = 2;
   std::uint64_t seed = 501;
   double least_test_gain = 9;  ///< three standard deviations of an effect that is known
@@ -33,7 +36,7 @@ struct SearchResult {
   std::vector<double> prices;
   std::vector<PValue> p_values;
   std::vector<std::vector<double>> null_gains;  ///< by hypothesis
-  double gate = 0;                              ///< gain less price beyond which a hypothesis is no child of chance
+  double gate = 0;                              ///< gain less price beyond which hypotheses are no children of chance
   std::vector<Refined> refined;                 ///< best first
   /// The best one if it is significant on train and confirmed on test.
   const Refined* accepted(const SearchOptions& options) const;
