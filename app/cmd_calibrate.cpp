@@ -230,53 +230,118 @@ class Calibration {
         set(*i, parameter, value, {value - 1.96 * se, value + 1.96 * se}, "standard deviations of the planes");
     }
     if (spectral == nullptr) return;
-    const auto file = spectral->options.find("spectrum");
-    const bool parametric = file == spectral->options.end() || file->second.empty();
-    const ParametricNoise goal = goal_of();
-    ParametricNoise at = goal;
-    double sigma = goal.sigma_mm;
-    // What comes out of the model is what is compared: effects after the noise change it, so the parameters are moved
-    // until they come out right. Rounding is in both.
-    double off = 0;
-    for (int round = 0; round < 8; ++round) {
-      spectral->values["sigma"].value = sigma;
-      if (parametric) {
-        spectral->values["correlation_length"].value = at.correlation_length_px;
-        spectral->values["white_share"].value = at.white_share;
-      }
-      const ParametricNoise made = simulated();
-      off =
-          std::max({std::abs(std::log(made.sigma_mm / goal.sigma_mm)),
-                    parametric ? 0.3 * std::abs(std::log(made.correlation_length_px / goal.correlation_length_px)) : 0,
-                    parametric ? std::abs(made.white_share - goal.white_share) : 0});
-      if (off < 0.005) break;
-      sigma *= goal.sigma_mm / made.sigma_mm;
-      at.correlation_length_px =
-          std::clamp(at.correlation_length_px * std::pow(goal.correlation_length_px / made.correlation_length_px, 0.8),
-                     0.05, 20.0);
-      at.white_share = std::clamp(at.white_share + 0.8 * (goal.white_share - made.white_share), 0.0, 1.0);
-    }
+    const CaptureNoise& there = anchor();
+    const double rounding = fit_.rounding_mm * fit_.rounding_mm / 12;
+    // The shape over all captures at the level that the anchor's noise has by the law, rounding taken out.
+    SpectrumEstimate measured = fit_.shape;
+    const bool follows = instance("axial_noise") != nullptr || instance("incidence_noise") != nullptr;
+    const double law = follows && fit_.law.fitted
+                           ? fit_.law.variance_at(there.look.plane.distance_mm, there.look.incidence_term) /
+                                 fit_.law.variance_at(fit_.anchor_mm, fit_.anchor_incidence_term)
+                           : 1;
+    measured.covariance = fit_.shape.covariance * ((fit_.sigma_mm * fit_.sigma_mm + rounding) * law);
+    measured.covariance.at<double>(measured.max_lag_px, measured.max_lag_px) -= rounding;
     const std::string how = fmt::format(
-        "{} of {} planes{}", fit_.temporal ? "temporal noise" : "single frames (an upper bound)", train_.size(),
-        off < 0.02 ? "" : fmt::format("; the model's other effects keep it {:.0f} % off", 100 * off));
-    const double carry = sigma / fit_.sigma_mm;  // the interval is of the noise without the storage's rounding
-    set(*spectral, "sigma", sigma, {fit_.sigma_ci95[0] * carry, fit_.sigma_ci95[1] * carry}, how);
-    if (!parametric) {
+        "{} of {} planes", fit_.temporal ? "temporal noise" : "single frames (an upper bound)", train_.size());
+    // The fit's interval knows the spectrum's errors, the captures' that of the level. Where the spectrum is of another
+    // form the former say nothing about the level.
+    const auto wider = [&](double value, double low, double high) {
+      const double level = 0.5 * std::log(fit_.sigma_ci95[1] / fit_.sigma_ci95[0]);
+      return std::array{value * std::exp(-std::hypot(level, std::log(low))),
+                        value * std::exp(std::hypot(level, std::log(high)))};
+    };
+    if (const auto file = spectral->options.find("spectrum");
+        file != spectral->options.end() && !file->second.empty()) {
+      double sigma = spectral->value("sigma");
+      for (int round = 0; round < 3; ++round) {
+        sigma *= std::sqrt(measured.variance_mm2() / std::max(simulated(model_).variance_mm2() - rounding, 1e-12));
+        spectral->values["sigma"].value = sigma;
+      }
+      set(*spectral, "sigma", sigma, wider(sigma, 1, 1), how);
       for (const char* p : {"correlation_length", "white_share"})
         open_.push_back({spectral->id, p, "without effect: the model has a spectrum file"});
       return;
     }
-    const double stretch = at.correlation_length_px / goal.correlation_length_px,
-                 shift = at.white_share - goal.white_share;
-    set(*spectral, "correlation_length", at.correlation_length_px,
-        {goal.correlation_length_ci95[0] * stretch, goal.correlation_length_ci95[1] * stretch}, how);
-    set(*spectral, "white_share", at.white_share,
-        {std::max(0.0, goal.white_share_ci95[0] + shift), std::min(1.0, goal.white_share_ci95[1] + shift)}, how);
-    if (fit_.parametric.misfit > 4)
+    // What comes out of the model is what was measured: effects after the noise filter it.
+    const auto unfiltered = [&](const SensorModel& model) {
+      SensorModel alone = model;
+      alone.effects = {*model.find(spectral->id)};
+      alone.depth_scale_from = Given::written;
+      alone.depth_scale_mm = 0;  // not rounded
+      return alone;
+    };
+    NoiseFilters filters;
+    std::vector<std::pair<EffectInstance*, const ParameterSpec*>> owners;
+    for (auto& i : model_.effects) {
+      const EffectDeclaration& declaration = i.declaration(effect_catalogue());
+      const ParameterSpec* spec = declaration.parameter(declaration.amplitude);
+      if (declaration.stage != Stage::spatial || spec == nullptr || spec->kind != ParameterKind::continuous) continue;
+      const double value = i.value(spec->name);
+      if (spec->neutral && value == *spec->neutral) {
+        open_.push_back({i.id, spec->name, "it is switched off in the model"});
+        continue;
+      }
+      filters.strengths.push_back({value, spec->lower, spec->upper, 0.25 * (spec->typical_high - spec->typical_low)});
+      owners.emplace_back(&i, spec);
+    }
+    SensorModel tried = model_;
+    std::map<std::string, SpectrumEstimate> known;  // what goes in, by the noise's parameters
+    filters.passage = [&](const ParametricNoise& noise, const std::vector<double>& strengths) {
+      EffectInstance& drawn = *std::find_if(tried.effects.begin(), tried.effects.end(),
+                                            [&](const EffectInstance& i) { return i.id == spectral->id; });
+      drawn.values["sigma"].value = noise.sigma_mm;
+      drawn.values["correlation_length"].value = std::clamp(noise.correlation_length_px, 0.0, 50.0);
+      // What a filter lets through is only seen where something goes in.
+      drawn.values["white_share"].value = std::max(0.3, noise.white_share);
+      for (std::size_t k = 0; k < owners.size(); ++k)
+        for (auto& i : tried.effects)
+          if (i.id == owners[k].first->id) i.values[owners[k].second->name].value = strengths[k];
+      const std::string key = fmt::format("{} {} {}", noise.sigma_mm, noise.correlation_length_px, noise.white_share);
+      if (!known.contains(key)) {
+        known = {{key, simulated(unfiltered(tried))}};
+      }
+      const SpectrumEstimate out = simulated(tried), &in = known.at(key);
+      const int n = out.natural_grid();
+      const double floor = 1e-4 * in.variance_mm2();
+      cv::Mat passage;
+      cv::divide(cv::max(out.density(n, n) - rounding, 0.0), cv::max(in.density(n, n), floor), passage);
+      return passage;
+    };
+    const FilteredNoise found =
+        fit_through_filters(measured, filters, fit_.between_captures / std::sqrt(static_cast<double>(train_.size())));
+    spectral->values["correlation_length"].value = std::clamp(found.noise.correlation_length_px, 0.0, 50.0);
+    spectral->values["white_share"].value = found.noise.white_share;
+    for (std::size_t k = 0; k < owners.size(); ++k)
+      owners[k].first->values[owners[k].second->name].value = found.strength[k];
+    // The level is that of all the power, also where the spectrum is of another form than the formula.
+    spectral->values["sigma"].value = found.noise.sigma_mm;
+    const double passed =
+        std::max(simulated(model_).variance_mm2() - rounding, 1e-12) / simulated(unfiltered(model_)).variance_mm2();
+    const double sigma = std::sqrt(measured.variance_mm2() / passed);
+    const bool formed = found.noise.misfit <= 4;
+    set(*spectral, "sigma", sigma,
+        formed ? wider(sigma, found.noise.sigma_ci95[0] / found.noise.sigma_mm,
+                       found.noise.sigma_ci95[1] / found.noise.sigma_mm)
+               : wider(sigma, 1, 1),
+        how);
+    set(*spectral, "correlation_length", found.noise.correlation_length_px, found.noise.correlation_length_ci95, how);
+    set(*spectral, "white_share", found.noise.white_share, found.noise.white_share_ci95, how);
+    for (std::size_t k = 0; k < owners.size(); ++k) {
+      const auto& [i, spec] = owners[k];
+      if (found.determined[k])
+        set(*i, spec->name, found.strength[k], found.strength_ci95[k], "its trace in the noise's spectrum");
+      else
+        open_.push_back(
+            {i->id, spec->name,
+             fmt::format("the noise's spectrum says hardly anything about it; {:.3g} {} goes with the noise "
+                         "above",
+                         found.strength[k], spec->unit)});
+    }
+    if (!formed)
       remarks_.push_back(
           fmt::format("the noise's spectrum is not of the parametric form (misfit {:.0f}; 1 = chance): "
                       "fit-noise fits it freely",
-                      fit_.parametric.misfit));
+                      found.noise.misfit));
   }
 
   const CaptureNoise& anchor() const {
@@ -289,14 +354,8 @@ class Calibration {
     });
   }
 
-  // The fitted noise as it was measured, rounding included, at the anchor capture.
-  ParametricNoise goal_of() const {
-    ParametricNoise goal = fit_.parametric;
-    goal.sigma_mm = std::hypot(fit_.sigma_mm, fit_.rounding_mm / std::sqrt(12.0));
-    return goal;
-  }
-
-  ParametricNoise simulated() {
+  // The temporal noise that a model makes of the anchor's plane.
+  SpectrumEstimate simulated(const SensorModel& model) const {
     const CaptureNoise& c = anchor();
     PlaneSimulation s;
     s.camera = c.look.camera;
@@ -306,19 +365,17 @@ class Calibration {
     const auto range = planes_.set.info().sensor.range_mm;
     s.reference_distance_mm = range ? 0.5 * ((*range)[0] + (*range)[1]) : fit_.anchor_mm;
     s.depth_scale_mm = c.look.depth_scale_mm;
-    s.frames = 8;
+    s.frames = 4;
     s.seed = options_.common.seed;
     s.capture = c.look.key;
-    std::optional<FirstLook> look;
-    PlaneSimulation one = s;
-    one.frames = 1;
-    simulate_plane(model_, one)(
-        [&](const Frame& frame, int) { look = look_at(c.look.key, c.look.name, frame, s.frames, c.look.plane.valid); });
+    // The plane is known. What goes into a filter may be much noisier than what was measured: no outlier.
+    FirstLook look = c.look;
+    look.frames = s.frames;
+    look.plane.sigma_mm *= 5;
     PlaneNoiseOptions options;
     options.max_lag_px = c.single.max_lag_px;
-    options.drop_order = c.single.drop_order;
-    ParametricNoise made = fit_parametric(*measure_noise(*look, simulate_plane(model_, s), false, options).temporal);
-    return made;
+    options.drop_order = options.single_frames = 1;  // what repeats show is all that is asked
+    return *measure_noise(look, simulate_plane(model, s), false, options).temporal;
   }
 
   void report() const {

@@ -60,7 +60,7 @@ CaptureNoise simulated_noise(const SensorModel& model, const PlaneCaptures& plan
   PlaneNoiseOptions options;
   options.max_lag_px = measured.single.max_lag_px;
   options.drop_order = measured.single.drop_order;
-  options.single_frames = frames;
+  options.single_frames = temporal ? 1 : frames;
   return measure_noise(*look, stream, false, options);
 }
 

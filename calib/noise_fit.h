@@ -60,6 +60,28 @@ FittedNoise fit_noise(const std::vector<CaptureNoise>& captures, const LowFreque
 
 ParametricNoise fit_parametric(const SpectrumEstimate& estimate, double extra_relative_sd = 0);
 
+/// Effects after the noise that filter it, each with one strength.
+struct NoiseFilters {
+  struct Strength {
+    double value = 0, lower = 0, upper = 0;
+    double scale = 1;  ///< an ordinary change: an interval wider than some of these says hardly anything
+  };
+  std::vector<Strength> strengths;
+  /// The density that comes out over the one that goes in, by the same draws, rounding taken out; on the estimate's
+  /// natural grid (half plane, CV_64F).
+  std::function<cv::Mat(const ParametricNoise& noise, const std::vector<double>& strengths)> passage;
+};
+struct FilteredNoise {
+  ParametricNoise noise;  ///< before the filters
+  std::vector<double> strength;
+  std::vector<std::array<double, 2>> strength_ci95;  ///< down to the lower bound where it fits as well without
+  std::vector<bool> determined;                      ///< false: the spectrum says hardly anything about it
+};
+/// The parametric density and the strengths of the filters behind it, fitted together to what came out of them all.
+/// `estimate`: without rounding noise. Calls `passage` some 30 times a strength.
+FilteredNoise fit_through_filters(const SpectrumEstimate& estimate, const NoiseFilters& filters,
+                                  double extra_relative_sd = 0);
+
 /// One held-out capture against what a model makes of it.
 struct NoiseJudgement {
   std::string capture, name;

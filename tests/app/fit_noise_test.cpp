@@ -1,6 +1,7 @@
 // binrig fit-noise and calibrate, as a user runs them, on planes with a known noise.
 #include <cmath>
 #include <fstream>
+#include <map>
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -146,6 +147,13 @@ TEST_F(FitNoiseVerb, BadInputIsStatusTwoWithOneClearError) {
   EXPECT_FALSE(std::ifstream(folder / "o.yaml").good());
 }
 
+// By "instance.parameter".
+std::map<std::string, json> entries(const json& list) {
+  std::map<std::string, json> result;
+  for (const auto& p : list) result[p["instance"].get<std::string>() + "." + p["parameter"].get<std::string>()] = p;
+  return result;
+}
+
 TEST_F(FitNoiseVerb, CalibrateFindsParametersAndNamesTheOthers) {
   write_planes(folder / "set",
                "name: truth\ncamera: recording\nprojector: recording\ndepth_scale: recording\neffects:\n"
@@ -160,9 +168,7 @@ TEST_F(FitNoiseVerb, CalibrateFindsParametersAndNamesTheOthers) {
                                    (folder / "ordered.yaml") + " --out " + (folder / "calibrated.yaml"));
   ASSERT_EQ(run.status, 0) << run.output;
   const json found = json::parse(run.output);
-  std::map<std::string, json> values;
-  for (const auto& p : found["parameters"])
-    values[p["instance"].get<std::string>() + "." + p["parameter"].get<std::string>()] = p;
+  auto values = entries(found["parameters"]);
   EXPECT_NEAR(values["spectral_noise.sigma"]["value"], 0.3, 0.01);
   EXPECT_NEAR(values["spectral_noise.correlation_length"]["value"], 0.9, 0.05);
   EXPECT_NEAR(values["spectral_noise.white_share"]["value"], 0.2, 0.04);
@@ -176,6 +182,49 @@ TEST_F(FitNoiseVerb, CalibrateFindsParametersAndNamesTheOthers) {
   EXPECT_TRUE(dropout_open);
   EXPECT_NEAR(read_sensor_model(folder / "calibrated.yaml", effect_catalogue()).find("depth_units")->value("step"), 0.1,
               1e-9);
+}
+
+TEST_F(FitNoiseVerb, CalibrateFitsNoiseAndTheBlurBehindItTogether) {
+  write_planes(folder / "set",
+               "name: truth\ncamera: recording\nprojector: recording\ndepth_scale: recording\neffects:\n"
+               "  - spectral_noise: {sigma: 0.5, correlation_length: 0.6, white_share: 0.5}\n"
+               "  - bilateral_blur: {sigma_px: 0.8}\n",
+               8);
+  std::ofstream(folder / "blurred.yaml")
+      << "name: start\nprojector: recording\neffects:\n  - projector_shadow: {bias: 1}\n"
+         "  - spectral_noise: {sigma: 0.25, correlation_length: 1.6, white_share: 0.1}\n"
+         "  - bilateral_blur: {sigma_px: 0.5}\n";
+  const test::Run run = run_binrig("calibrate --quiet --json --measured " + (folder / "set") + " --model " +
+                                   (folder / "blurred.yaml") + " --out " + (folder / "calibrated.yaml"));
+  ASSERT_EQ(run.status, 0) << run.output;
+  auto found = entries(json::parse(run.output)["parameters"]);
+  EXPECT_NEAR(found["spectral_noise.sigma"]["value"], 0.5, 0.05) << run.output;
+  EXPECT_NEAR(found["bilateral_blur.sigma_px"]["value"], 0.8, 0.1) << run.output;
+  EXPECT_GT(found["bilateral_blur.sigma_px"]["ci95"].at(0), 0.5) << run.output;
+  EXPECT_TRUE(entries(json::parse(run.output)["not_determined"]).contains("projector_shadow.bias"));
+}
+
+TEST_F(FitNoiseVerb, CalibrateSeesThatNoBlurIsBehindTheNoiseAndCompareAgrees) {
+  const std::string root = BINRIG_SOURCE_DIR, set = root + "/fixtures/recorded/plane-source";
+  const test::Run run = run_binrig("calibrate --quiet --json --measured " + set + " --model " + root +
+                                   "/models/thesis-five.yaml --out " + (folder / "calibrated.yaml"));
+  ASSERT_EQ(run.status, 0) << run.output;
+  auto found = entries(json::parse(run.output)["parameters"]);
+  // The fixture's sensor: no blur, though the model has one of 0.6 px.
+  const std::map<std::string, double> truth{{"spectral_noise.sigma", 0.25},
+                                            {"spectral_noise.correlation_length", 1.4},
+                                            {"spectral_noise.white_share", 0.15},
+                                            {"bilateral_blur.sigma_px", 0}};
+  for (const auto& [name, value] : truth) {
+    EXPECT_LE(found[name]["ci95"].at(0), value) << run.output;
+    EXPECT_GE(found[name]["ci95"].at(1), value) << run.output;
+  }
+  EXPECT_LT(found["bilateral_blur.sigma_px"]["ci95"].at(1), 0.5);
+  const test::Run compared = run_binrig("compare --quiet --json --seed 2 --measured " + set + " --model " +
+                                        (folder / "calibrated.yaml") + " --out " + (folder / "report"));
+  ASSERT_EQ(compared.status, 0) << compared.output;
+  const json fidelity = json::parse(compared.output)["fidelity"];
+  EXPECT_EQ(fidelity["verdict"], "agrees") << fidelity["reasons"];
 }
 
 TEST_F(FitNoiseVerb, AnIntervalHoldsItsEstimateWhereStorageIsCoarse) {
