@@ -168,10 +168,14 @@ class Fitter {
     SensorModel first = start;
     for (int p = 0; p < n_; ++p)
       fit_.value[p] = parameters_[p].scaled(find_instance(first, parameters_[p].id)->value(parameters_[p].name));
+    now_.offsets = offsets_;
+    now_.place = options_.place;
     now_ = evaluate(with_values(start, parameters_, fit_.value), fit_.value);
     descend();
     scan();
     fit_.model = now_.model;
+    fit_.offsets = now_.offsets;
+    fit_.place = now_.place;
     fit_.residual = now_.residual;
     fit_.chi = now_.chi;
     return std::move(fit_);
@@ -180,14 +184,16 @@ class Fitter {
  private:
   struct State {
     SensorModel model;
+    std::vector<Offset> offsets;
+    std::vector<double> place;
     std::vector<StatVector> simulations;
     Whitened residual;
     double chi = 0, dispersion = 1;
   };
 
-  Trial trial(const SensorModel& model, int k) const {
+  Trial trial(const SensorModel& model, const std::vector<Offset>& offsets, int k) const {
     return {model,
-            offsets_,
+            offsets,
             options_.seed + static_cast<std::uint64_t>(k),
             options_.part,
             options_.most_frames,
@@ -197,13 +203,10 @@ class Fitter {
   State evaluate(const SensorModel& model, const Eigen::VectorXd& x) const {
     State state;
     state.model = model;
-    std::vector<Trial> trials;
-    for (int k = 0; k < options_.seeds; ++k) trials.push_back(trial(model, k));
-    state.simulations = experiment_.simulate(trials, "fitting parameters");
-    const MeanOfSimulations mean = mean_of(standard_, state.simulations);
-    Whitened difference = data_;
-    for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= mean.mean[i];
-    Explained explained = metric_.explain(difference, options_.place, {}, mean.noise);
+    state.offsets = now_.offsets;
+    state.place = now_.place;
+    Explained explained = explain(state);
+    for (int round = 0; round < 3 && moved(explained, state); ++round) explained = explain(state);
     state.residual = std::move(explained.rest);
     const auto known = std::count_if(state.residual.begin(), state.residual.end(), [](float v) { return v != 0; });
     state.dispersion = std::max(1.0, explained.chi / std::max<double>(1, static_cast<double>(known)));
@@ -212,6 +215,38 @@ class Fitter {
       if (!parameters_[p].circular)
         state.chi += std::pow((x[p] - parameters_[p].prior_centre) / parameters_[p].prior_sigma, 2);
     return state;
+  }
+
+  /// Simulates where the state says that targets stand.
+  Explained explain(State& state) const {
+    std::vector<Trial> trials;
+    for (int k = 0; k < options_.seeds; ++k) trials.push_back(trial(state.model, state.offsets, k));
+    state.simulations = experiment_.simulate(trials, "fitting parameters");
+    const MeanOfSimulations mean = mean_of(standard_, state.simulations);
+    Whitened difference = data_;
+    for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= mean.mean[i];
+    return metric_.explain(difference, state.place, {}, mean.noise);
+  }
+
+  /// Moves the targets of a state to where they want to be; false if they stand there.
+  bool moved(const Explained& explained, State& state) const {
+    constexpr double near_enough = 1;  // prior sigmas
+    if (!options_.motions || state.place.size() < options_.motions->size()) return false;
+    const std::size_t count = options_.motions->size();
+    std::vector<double> values(state.place.begin(), state.place.begin() + static_cast<long>(count));
+    double furthest = 0;
+    for (std::size_t m = 0; m < count; ++m) {
+      if (explained.values[m] == 0) continue;  // of a capture that does not count
+      furthest = std::max(furthest, std::abs(explained.values[m] - values[m]));
+      values[m] = explained.values[m];
+    }
+    if (furthest < near_enough) return false;
+    state.offsets = offsets_of(experiment_.layout(), *options_.motions, values, {});
+    const auto reached = values_of(*options_.motions, state.offsets);
+    double step = 0;
+    for (std::size_t m = 0; m < count; ++m) step = std::max(step, std::abs(reached[m] - state.place[m]));
+    std::copy(reached.begin(), reached.end(), state.place.begin());
+    return step >= near_enough;  // not if what is no small motion was clipped
   }
 
   /// Where a derivative is taken to: inwards of the bounds.
@@ -232,7 +267,8 @@ class Fitter {
       moved.push_back(p);
       Eigen::VectorXd x = fit_.value;
       x[p] += derivative_step(p);
-      for (int k = 0; k < options_.seeds; ++k) trials.push_back(trial(with_values(now_.model, parameters_, x), k));
+      for (int k = 0; k < options_.seeds; ++k)
+        trials.push_back(trial(with_values(now_.model, parameters_, x), now_.offsets, k));
     }
     const auto simulated = experiment_.simulate(trials, "fitting parameters");
     parallel_for(static_cast<int>(moved.size()), [&](int m) {

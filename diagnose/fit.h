@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include "diagnose/metric.h"
+#include "diagnose/registration.h"
 
 namespace binrig {
 
@@ -36,6 +36,9 @@ struct FitOptions {
   Part part = Part::train;
   std::uint64_t seed = 101;
   std::vector<double> place;  ///< of the metric's nuisances in simulations at `offsets`, see Metric::explain
+  /// The metric's first nuisances: where given, targets go along to where a model wants them, since what is left of a
+  /// large motion in the linear view would hide what a parameter does. Null = they stay.
+  const std::vector<SceneMotion>* motions = nullptr;
   /// Fit::slopes of a fit nearby under the same standard, to begin with instead of simulating them; null = none.
   const std::vector<Whitened>* slopes = nullptr;
   std::vector<bool> paused;           ///< Fit::paused of a fit nearby
@@ -45,6 +48,8 @@ struct FitOptions {
 
 struct Fit {
   SensorModel model;
+  std::vector<Offset> offsets;  ///< where the targets stand with it
+  std::vector<double> place;
   std::vector<FitParameter> parameters;
   Eigen::VectorXd value;      ///< on the scale of the fit
   Eigen::MatrixXd precision;  ///< of value, prior included

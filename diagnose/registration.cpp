@@ -1,6 +1,7 @@
 #include "diagnose/registration.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "compare/statistics/grid.h"
@@ -9,6 +10,8 @@
 namespace binrig {
 namespace {
 
+// Of a small motion: rotations (rad), shifts (mm), focal length and principal point (px). Never less than 4 sigmas.
+constexpr std::array<double, 9> largest_motion{0.02, 0.02, 0.02, 5, 5, 5, 10, 3, 3};
 constexpr float largest_change_mm = 5.f;  // beyond: another surface came into the pixel
 
 /// Bias map's change (mm a sigma, by central difference) for an offset of one sigma and its opposite.
@@ -121,7 +124,8 @@ std::vector<Offset> offsets_of(const Layout& layout, const std::vector<SceneMoti
   for (std::size_t m = 0; m < motions.size(); ++m)
     for (int c = 0; c < layout.captures; ++c) {
       if (motions[m].capture >= 0 && motions[m].capture != c) continue;
-      const double old = get(offsets[c], motions[m].element), limit = 4 * motions[m].sigma;
+      const double old = get(offsets[c], motions[m].element);
+      const double limit = std::max(4 * motions[m].sigma, largest_motion[motions[m].element]);
       set(offsets[c], motions[m].element, std::clamp(old + values[m] * motions[m].sigma, -limit, limit));
     }
   return offsets;

@@ -30,8 +30,8 @@ std::vector<SceneMotion> scene_motions(const Experiment& experiment, const Senso
 /// The motions as rows of a metric under a standard.
 std::vector<NuisanceRow> motion_rows(const Layout& layout, const Standard& standard,
                                      const std::vector<SceneMotion>& motions);
-/// Offsets by capture of values in prior sigmas (order of the motions), added to `start` (empty = nominal). Values are
-/// clipped to 4 sigmas: what lies beyond is no small motion.
+/// Offsets by capture of values in prior sigmas (order of the motions), added to `start` (empty = nominal). What
+/// is no small motion (20 mrad, 5 mm, or 4 sigmas if these are more) is clipped.
 std::vector<Offset> offsets_of(const Layout& layout, const std::vector<SceneMotion>& motions,
                                const std::vector<double>& values, const std::vector<Offset>& start);
 /// The values, in prior sigmas, at which motions stand in offsets (empty = nominal).

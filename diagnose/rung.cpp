@@ -85,6 +85,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.converged = pass + 1 < options.passes ? 100 : 2;  // the weights of the first pass are not the model's own yet
     fit.seed = options.seed + 500;
     fit.place = values_of(motions, rung.offsets);
+    fit.motions = &motions;
     if (pass + 1 == options.passes) {
       fit.scan_ids = ids;
     } else if (!options.added.empty()) {
@@ -101,11 +102,26 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
       fit.most_frames = 0;
       fit.iterations = 0;
       fit.scan_ids.clear();
+      fit.place = rung.fit.place;
       const Fit found = fit_model(experiment, rung.standard, metric, rung.standard.linear(measured.all), rung.fit.model,
-                                  parameters, rung.offsets, fit);
+                                  parameters, rung.fit.offsets, fit);
       rung.fit.model = found.model;
+      rung.fit.offsets = found.offsets;
     }
     rung.model = rung.fit.model;
+    rung.offsets = rung.fit.offsets;
+  }
+
+  if (options.passes > 0) {  // the targets of all captures where the fitted model wants them
+    const auto rows = motion_rows(layout, rung.standard, motions);
+    FitOptions only_targets;
+    only_targets.part = Part::all;
+    only_targets.seed = options.seed + 500;
+    only_targets.place = values_of(motions, rung.offsets);
+    only_targets.motions = &motions;
+    rung.offsets = fit_model(experiment, rung.standard, Metric(layout, Part::all, rows),
+                             rung.standard.linear(measured.all), rung.model, {}, rung.offsets, only_targets)
+                       .offsets;
   }
 
   // The model's own randomness, with everything that may differ from recording to recording.

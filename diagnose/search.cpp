@@ -33,20 +33,31 @@ Remainder remainder_of(const Experiment& experiment, const Rung& rung, const Sen
   return {std::move(simulated.mean), train.chi, test.chi, std::move(train.values)};
 }
 
-/// The same with the targets where this model wants them: under the rung's model they may have been moved far away to
-/// make up for what it lacks.
-Remainder registered_remainder(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
-                               const SensorModel& model, const SearchOptions& options) {
+/// Where a model wants the targets: under the rung's model they may have been moved far away to make up for what it
+/// lacks.
+struct Places {
+  std::vector<Offset> offsets;
+  std::vector<double> values;  ///< see Metric::explain
+};
+Places places_for(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+                  const SensorModel& model, const SearchOptions& options) {
   Remainder nominal = remainder_of(experiment, rung, model, {}, {}, options);
   nominal.values.resize(motions.size());
-  const auto offsets = offsets_of(experiment.layout(), motions, nominal.values, {});
-  std::vector<double> place = values_of(motions, offsets);
-  place.resize(rung.place.size(), 0);
-  return remainder_of(experiment, rung, model, offsets, place, options);
+  Places places{offsets_of(experiment.layout(), motions, nominal.values, {}), {}};
+  places.values = values_of(motions, places.offsets);
+  places.values.resize(rung.place.size(), 0);
+  return places;
 }
 
-Refined refine(const Experiment& experiment, const Rung& rung, const Measurement& measured,
-               const Hypothesis& hypothesis, const LinearGain& start, const SearchOptions& options) {
+Remainder registered_remainder(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+                               const SensorModel& model, const SearchOptions& options) {
+  const Places places = places_for(experiment, motions, rung, model, options);
+  return remainder_of(experiment, rung, model, places.offsets, places.values, options);
+}
+
+Refined refine(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+               const Measurement& measured, const Hypothesis& hypothesis, const LinearGain& start,
+               const SearchOptions& options) {
   const EffectCatalogue& catalogue = experiment.forward().catalogue();
   SensorModel model = rung.model;
   Refined refined;
@@ -64,17 +75,20 @@ Refined refine(const Experiment& experiment, const Rung& rung, const Measurement
   fit.scan_ids = {refined.id};
   fit.scan_ranges_of = refined.id;
   const auto parameters = fit_parameters(model, catalogue, {refined.id});
-  const std::vector<Offset> nominal(experiment.layout().captures);
+  const Places places = places_for(experiment, motions, rung, model, options);
+  fit.place = places.values;
+  fit.motions = &motions;
   const Whitened few = rung.standard.linear(measured.at(fit.most_frames, fit.shorten_series));
-  refined.fit = fit_model(experiment, rung.standard, rung.train, few, model, parameters, nominal, fit);
+  refined.fit = fit_model(experiment, rung.standard, rung.train, few, model, parameters, places.offsets, fit);
   if (!parameters.empty()) {  // a last step with all frames
-    const std::vector<Whitened> slopes = refined.fit.slopes;
-    fit.slopes = &slopes;
+    const Fit first = std::move(refined.fit);
+    fit.slopes = &first.slopes;
+    fit.place = first.place;
     fit.most_frames = 0;
     fit.iterations = 0;
     fit.scan_ids.clear();
     refined.fit =
-        fit_model(experiment, rung.standard, rung.train, rung.data, refined.fit.model, parameters, nominal, fit);
+        fit_model(experiment, rung.standard, rung.train, rung.data, first.model, parameters, first.offsets, fit);
   }
   refined.model = refined.fit.model;
   return refined;
@@ -146,7 +160,7 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
   std::stable_sort(shortlist.begin(), shortlist.end(), [](auto& a, auto& b) { return a.first < b.first; });
   shortlist.resize(std::min<std::size_t>(shortlist.size(), options.refine));
   for (const auto& [chi, h] : shortlist) {
-    Refined refined = refine(experiment, rung, measured, hypotheses.tested[h], result.linear[h], options);
+    Refined refined = refine(experiment, motions, rung, measured, hypotheses.tested[h], result.linear[h], options);
     refined.price = result.prices[h];
     refined.gate = own_gate[h];
     refined.p = result.p_values[h];

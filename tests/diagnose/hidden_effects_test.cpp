@@ -1,9 +1,13 @@
 // The diagnosis asked about recordings whose truth is known: a small part of bench/hidden_effects.
 #include <gtest/gtest.h>
 
+#include <numbers>
+#include <regex>
+
 #include "bench/hidden_effects/study.h"
 #include "core/progress.h"
 #include "diagnose/score.h"
+#include "diagnose/screen.h"
 #include "sim/effect.h"
 #include "tests/support/recordings.h"
 
@@ -52,7 +56,7 @@ TEST(HiddenData, AgreeWithTheCatalogueInEverySegment) {
 }
 
 TEST(HiddenEffects, AreNamedFirst) {
-  for (const char* effect : {"radial_distortion", "row_noise"}) {
+  for (const char* effect : {"radial_distortion", "row_noise", "depth_offset"}) {
     const Diagnosis diagnosis = answer({"one", {effect}, Strength::strong, 1});
     ASSERT_FALSE(diagnosis.candidates.empty()) << effect << ": " << diagnosis.headline;
     EXPECT_EQ(diagnosis.candidates[0].effect, effect) << diagnosis.headline;
@@ -70,6 +74,38 @@ TEST(HiddenEffects, AnEffectThatNoCatalogueHasIsUnknown) {
   const Diagnosis diagnosis = answer({"outside", {"step_across_a_line"}, Strength::strong, 1});
   EXPECT_EQ(diagnosis.verdict, Verdict::unknown_effect) << diagnosis.headline;
   ASSERT_FALSE(diagnosis.unexplained.empty());
+}
+
+TEST(Screen, AStepAcrossALineIsFoundWithItsPlaceAndHeight) {
+  const SceneForwardModel& forward = world().forward();
+  const auto truth = hidden::make_truth(forward, {"outside", {"step_across_a_line"}, Strength::strong, 1});
+  const Experiment experiment(forward, truth.start, world().cache);
+  std::vector<std::string> unreadable;
+  const Measurement measured = experiment.measure([&](int c, int i) { return truth.recording[c][i]; }, unreadable);
+  const auto motions =
+      scene_motions(experiment, truth.start, registration_prior(forward.set(), experiment.nominal(0).camera));
+  const Rung rung = fit_rung(experiment, motions, measured, truth.start, {}, {.simulations = 16, .passes = 1});
+  std::vector<Unexplained> entries(1);
+  entries[0].segment = "bias";
+  for (const auto& fit : goodness_of_fit(experiment.layout(), rung))
+    if (fit.segment == "bias" && fit.train) entries[0].ratio = fit.ratio;
+  screen(experiment, rung, measured.all, entries);
+
+  std::smatch found;
+  ASSERT_TRUE(
+      std::regex_search(entries[0].formula, found, std::regex(R"(x\*(-?[\d.]+) \+ y\*(-?[\d.]+) > (-?[\d.]+))")))
+      << entries[0].shape << entries[0].formula;
+  double along_x = std::stod(found[1]), along_y = std::stod(found[2]), place = std::stod(found[3]);
+  ASSERT_TRUE(std::regex_search(entries[0].formula, found, std::regex(R"(\{a: (-?[\d.e-]+)\})")));
+  double height = std::stod(found[1]);
+  auto values = truth.hidden.at(0).values;
+  if (along_x * std::cos(values["angle"]) + along_y * std::sin(values["angle"]) < 0)  // the same line from behind
+    along_x *= -1, along_y *= -1, place *= -1, height *= -1;
+  // A bin is 8 px, 0.125 of half the width: a line is known to half of that, over the image to 0.06 rad.
+  EXPECT_NEAR(std::remainder(std::atan2(along_y, along_x) - values["angle"], 2 * std::numbers::pi), 0, 0.06);
+  EXPECT_NEAR(place, values["place"], 0.0625);
+  // Poses lean into a step; how far is known to their prior only.
+  EXPECT_NEAR(height, values["amplitude"], 0.2 * std::abs(values["amplitude"]));
 }
 
 // A model cannot look better by becoming noisier: on the ladder's scale, whichever of the two models it is frozen at.

@@ -66,6 +66,19 @@ TEST(Standard, UnknownElementsSayNothing) {
   for (float v : standard.standardise(all_unknown)) EXPECT_EQ(v, 0);
 }
 
+TEST(Standard, WhatWasNotMeasuredDoesNotCount) {
+  const Layout layout = small_layout();
+  StatVector measured(layout.size, 0.f);
+  measured[5] = measured[layout.size - 1] = std::numeric_limits<float>::quiet_NaN();
+  const Standard standard(layout, measured, simulations(layout, 12, 1, 5));
+  const Whitened y = standard.linear(simulations(layout, 1, 1, 77)[0]);
+  for (int i : {5, layout.size - 1}) {
+    EXPECT_EQ(standard.spread()[i], 0);
+    EXPECT_EQ(y[i], 0);
+  }
+  EXPECT_GT(standard.spread()[6], 0);
+}
+
 TEST(Standard, CompressionKeepsSmallAndBoundsLarge) {
   Whitened y{0.1f, -2, 80};
   compress(y);
