@@ -241,12 +241,14 @@ class Fitter {
       values[m] = explained.values[m];
     }
     if (furthest < near_enough) return false;
-    state.offsets = offsets_of(experiment_.layout(), *options_.motions, values, {});
-    const auto reached = values_of(*options_.motions, state.offsets);
+    auto offsets = offsets_of(experiment_.layout(), *options_.motions, values, {});
+    const auto reached = values_of(*options_.motions, offsets);
     double step = 0;
     for (std::size_t m = 0; m < count; ++m) step = std::max(step, std::abs(reached[m] - state.place[m]));
+    if (step < near_enough) return false;  // what is no small motion was clipped
+    state.offsets = std::move(offsets);
     std::copy(reached.begin(), reached.end(), state.place.begin());
-    return step >= near_enough;  // not if what is no small motion was clipped
+    return true;
   }
 
   /// Where a derivative is taken to: inwards of the bounds.
