@@ -124,7 +124,7 @@ std::string effect_text(const Aspect& a) {
   if (!std::isfinite(a.effect)) return "present in the simulation alone";
   if (a.effect_unit == "relative")
     return fmt::format("{:.3g} % too {}", std::abs(100 * a.effect), a.effect > 0 ? "large" : "small");
-  return fmt::format("off by {:.3g} {}", a.effect, a.effect_unit == "1" ? "" : a.effect_unit);
+  return fmt::format("off by {:.3g}{}", a.effect, a.effect_unit == "1" ? "" : " " + a.effect_unit);
 }
 
 Agreement judged(const Aspect& a) {
