@@ -236,7 +236,9 @@ TEST_F(FitNoiseVerb, AnIntervalHoldsItsEstimateWhereStorageIsCoarse) {
   const test::Run run = run_binrig("calibrate --quiet --json --measured " + (folder / "set") + " --model " +
                                    (folder / "start.yaml") + " --out " + (folder / "calibrated.yaml"));
   ASSERT_EQ(run.status, 0) << run.output;
-  for (const auto& p : json::parse(run.output)["parameters"]) {
+  const json answer = json::parse(run.output);
+  ASSERT_FALSE(answer.at("parameters").empty());
+  for (const auto& p : answer.at("parameters")) {
     EXPECT_LE(p["ci95"].at(0), p["value"]) << p;
     EXPECT_GE(p["ci95"].at(1), p["value"]) << p;
   }
