@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdlib>
 #include <set>
 
 #include <fmt/format.h>
@@ -12,6 +11,7 @@
 #include "diagnose/plausibility.h"
 #include "diagnose/score.h"
 #include "diagnose/screen.h"
+#include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
@@ -93,7 +93,7 @@ class Climb {
       for (std::size_t h = 0; h < hypotheses.tested.size(); ++h)
         diagnosis_.ranking.push_back(
             {hypotheses.tested[h].effect, found.linear[h].gain / rung.dispersion, found.prices[h], found.p_values[h]});
-    if (std::getenv("BINRIG_TRACE")) {
+    if (tracing()) {
       fmt::print(stderr, "step {} gate {:.1f} dispersion {:.2f}\n", rungs_.size() - 1, found.gate, rung.dispersion);
       for (const auto& r : found.refined)
         fmt::print(stderr, "  {} linear {:.1f} price {:.1f} train {:.1f} test {:.1f}\n", r.effect, r.linear_gain,
@@ -171,7 +171,7 @@ class Climb {
   void judge_last() {
     std::set<std::string> unexplained;
     for (const auto& fit : goodness_of_fit(experiment_.layout(), rungs_.back())) {
-      if (std::getenv("BINRIG_TRACE"))
+      if (tracing())
         fmt::print(stderr, "goodness {:14} {} {:.3f} excess {:.3f} +- {:.3f}{}\n", fit.segment,
                    fit.train ? "train" : "test", fit.ratio, fit.excess, fit.spread, fit.significant() ? " *" : "");
       if (!fit.significant() || !unexplained.insert(fit.segment).second) continue;

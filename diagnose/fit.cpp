@@ -2,17 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 
 #include <fmt/format.h>
 #include <Eigen/Cholesky>
 
 #include "core/parallel.h"
+#include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
 
-constexpr double pi = 3.14159265358979323846;
 constexpr double least_signal = 0.5;  // a segment of a derivative that is more than half noise is left out
 
 EffectInstance* find_instance(SensorModel& model, const std::string& id) {
@@ -57,57 +56,6 @@ std::vector<Whitened> whiten_all(const Standard& standard, const std::vector<Sta
 }
 
 }  // namespace
-
-double FitParameter::scaled(double value) const { return logarithmic ? std::log(std::max(value, 1e-12)) : value; }
-
-double FitParameter::natural(double scaled_value) const {
-  if (circular) {
-    double wrapped = std::fmod(scaled_value - lower, 2 * pi);
-    if (wrapped < 0) wrapped += 2 * pi;
-    return std::clamp(lower + wrapped, lower, upper);
-  }
-  return std::clamp(logarithmic ? std::exp(scaled_value) : scaled_value, lower, upper);
-}
-
-std::vector<FitParameter> fit_parameters(const SensorModel& model, const EffectCatalogue& catalogue,
-                                         const std::vector<std::string>& ids) {
-  std::vector<FitParameter> result;
-  for (const auto& instance : model.effects) {
-    if (!ids.empty() && std::find(ids.begin(), ids.end(), instance.id) == ids.end()) continue;
-    for (const auto& spec : instance.declaration(catalogue).parameters) {
-      if (spec.kind == ParameterKind::integer || !spec.interpolate) continue;
-      if (spec.lower == spec.upper) continue;
-      FitParameter p;
-      p.id = instance.id;
-      p.name = spec.name;
-      p.unit = spec.unit;
-      p.lower = spec.lower;
-      p.upper = spec.upper;
-      p.circular = spec.kind == ParameterKind::phase;
-      const double low = spec.typical_low, high = spec.typical_high, width = std::abs(high - low);
-      const double value = instance.value(spec.name);
-      p.logarithmic = spec.log_scaled && spec.lower >= 0 && value > 0 && !spec.either_sign;
-      if (p.logarithmic) {
-        if (p.lower <= 0) p.lower = std::max(1e-9, std::min(low, value) * 1e-3);
-        p.prior_sigma = std::max(1.0, 0.5 * std::log(std::max(high, 1e-9) / std::max(low, 1e-9)));
-        p.step = 0.1;
-        p.longest = 0.5;
-      } else if (p.circular) {
-        p.prior_sigma = 4;
-        p.step = 0.15;
-        p.longest = 0.8;
-      } else {
-        const double scale = spec.either_sign ? std::abs(high) : std::max(width, 1e-9);
-        p.prior_sigma = scale;
-        p.step = 0.05 * scale;
-        p.longest = 0.25 * scale;
-      }
-      p.prior_centre = p.scaled(value);
-      result.push_back(p);
-    }
-  }
-  return result;
-}
 
 MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector>& simulations) {
   const auto y = whiten_all(standard, simulations);
@@ -362,7 +310,7 @@ class Fitter {
           damping = std::max(0.01, 10 * damping);
         }
       }
-      if (std::getenv("BINRIG_TRACE"))
+      if (tracing())
         fmt::print(stderr, "  round {} {} chi {:.0f} dispersion {:.2f} promised {:.1f} gained {:.1f} captures {}\n",
                    fit_.rounds, fresh ? "fresh" : "kept", now_.chi, now_.dispersion, promised, gained,
                    experiment_.simulated());
@@ -382,7 +330,7 @@ class Fitter {
     SensorModel changed = now_.model;
     find_instance(changed, id)->values[spec.name].value = value;
     State next = evaluate(changed, fit_.value);
-    if (std::getenv("BINRIG_TRACE"))
+    if (tracing())
       fmt::print(stderr, "  {}.{} = {:.5g}: chi {:.0f} (best {:.0f})\n", id, spec.name, value, next.chi, now_.chi);
     if (next.chi >= now_.chi - 1) return false;
     now_ = std::move(next);
@@ -444,28 +392,6 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
               const SensorModel& start, const std::vector<FitParameter>& parameters, const std::vector<Offset>& offsets,
               const FitOptions& options) {
   return Fitter(experiment, standard, metric, data, parameters, offsets, options).run(start);
-}
-
-void write_intervals(SensorModel& model, const Fit& fit, double dispersion, const std::string& provenance) {
-  const int n = static_cast<int>(fit.parameters.size());
-  if (n == 0 || fit.precision.rows() != n) return;
-  const Eigen::MatrixXd covariance = fit.precision.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
-  for (int p = 0; p < n; ++p) {
-    const auto& parameter = fit.parameters[p];
-    auto* instance = find_instance(model, parameter.id);
-    if (!instance) continue;
-    double deviation = std::sqrt(std::max(0.0, dispersion * covariance(p, p)));
-    if (fit.scatter.size() == n) deviation = std::max(deviation, fit.scatter[p]);
-    // The simulations that the data were compared with scatter, too: two of them, as far as the data do.
-    const double half = 1.96 * std::sqrt(1.5) * deviation;
-    auto& value = instance->values[parameter.name];
-    value.value = parameter.natural(fit.value[p]);
-    if (parameter.circular)
-      value.ci95 = {{value.value - half, value.value + half}};
-    else
-      value.ci95 = {{parameter.natural(fit.value[p] - half), parameter.natural(fit.value[p] + half)}};
-    value.provenance = provenance;
-  }
 }
 
 }  // namespace binrig

@@ -74,7 +74,10 @@ struct MeanOfSimulations {
 };
 MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector>& simulations);
 
-/// `data` is Standard::linear of the measurement. Simulates again and again until chi changes by less than `converged`.
+/// `data` is Standard::linear of the measurement, of as many frames as `most_frames` leaves. Simulates again and again
+/// until chi changes by less than `converged`; every step is the minimum of the damped normal equations within a box of
+/// FitParameter::longest and the bounds. Without parameters only the targets are placed (`motions`). Throws what
+/// simulating throws.
 Fit fit_model(const Experiment& experiment, const Standard& standard, const Metric& metric, const Whitened& data,
               const SensorModel& start, const std::vector<FitParameter>& parameters, const std::vector<Offset>& offsets,
               const FitOptions& options);

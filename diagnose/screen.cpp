@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <functional>
 
 #include <fmt/format.h>
@@ -10,6 +9,7 @@
 #include <opencv2/core.hpp>
 
 #include "core/parallel.h"
+#include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
@@ -241,7 +241,7 @@ void screen(const Experiment& experiment, const Rung& rung, const StatVector& da
     const double map = map_gain(experiment, rung, cells);
     const Step step = best_step(experiment, rung, cells);
     const double best = std::max({map, step.gain, gains[0].first});
-    if (std::getenv("BINRIG_TRACE")) {
+    if (tracing()) {
       fmt::print(stderr,
                  "screen {}: excess {:.0f}, map {:.0f}, step {:.0f} (angle {:.3f}, offset {:.3f}, height {:.3f})",
                  entry.segment, excess, map, step.gain, step.angle, step.offset, step.height);

@@ -42,6 +42,9 @@ struct SearchResult {
   const Refined* accepted(const SearchOptions& options) const;
 };
 
+/// Gains are of chi (whitened, dimensionless), those of refined hypotheses with the rung's dispersion divided out.
+/// `motions`: of scene_motions for this experiment; targets are put where each hypothesis wants them. `signatures`: of
+/// `hypotheses`, by their indices. Throws what simulating throws.
 SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                     const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
                     const SearchOptions& options);

@@ -69,6 +69,13 @@ const char* start =
 class FitNoiseVerb : public testing::Test {
  protected:
   void SetUp() override { std::ofstream(folder / "start.yaml") << start; }
+  /// What `binrig calibrate --json` says of folder/set; the model is written to folder/calibrated.yaml.
+  json calibrated(const std::string& model) {
+    const test::Run run = run_binrig("calibrate --quiet --json --measured " + (folder / "set") + " --model " + model +
+                                     " --out " + (folder / "calibrated.yaml"));
+    EXPECT_EQ(run.status, 0) << run.output;
+    return json::parse(run.output);
+  }
   test::ScratchFolder folder;
 };
 
@@ -164,10 +171,7 @@ TEST_F(FitNoiseVerb, CalibrateFindsParametersAndNamesTheOthers) {
       << "name: start\nprojector: recording\neffects:\n"
          "  - depth_offset: {offset: 0}\n  - spectral_noise: {sigma: 0.6, correlation_length: 2.5, white_share: 0.5}\n"
          "  - random_dropout: {rate: 0.001}\n  - depth_units: {step: 0.7}\n";
-  const test::Run run = run_binrig("calibrate --quiet --json --measured " + (folder / "set") + " --model " +
-                                   (folder / "ordered.yaml") + " --out " + (folder / "calibrated.yaml"));
-  ASSERT_EQ(run.status, 0) << run.output;
-  const json found = json::parse(run.output);
+  const json found = calibrated(folder / "ordered.yaml");
   auto values = entries(found["parameters"]);
   EXPECT_NEAR(values["spectral_noise.sigma"]["value"], 0.3, 0.01);
   EXPECT_NEAR(values["spectral_noise.correlation_length"]["value"], 0.9, 0.05);
@@ -194,14 +198,12 @@ TEST_F(FitNoiseVerb, CalibrateFitsNoiseAndTheBlurBehindItTogether) {
       << "name: start\nprojector: recording\neffects:\n  - projector_shadow: {bias: 1}\n"
          "  - spectral_noise: {sigma: 0.25, correlation_length: 1.6, white_share: 0.1}\n"
          "  - bilateral_blur: {sigma_px: 0.5}\n";
-  const test::Run run = run_binrig("calibrate --quiet --json --measured " + (folder / "set") + " --model " +
-                                   (folder / "blurred.yaml") + " --out " + (folder / "calibrated.yaml"));
-  ASSERT_EQ(run.status, 0) << run.output;
-  auto found = entries(json::parse(run.output)["parameters"]);
-  EXPECT_NEAR(found["spectral_noise.sigma"]["value"], 0.5, 0.05) << run.output;
-  EXPECT_NEAR(found["bilateral_blur.sigma_px"]["value"], 0.8, 0.1) << run.output;
-  EXPECT_GT(found["bilateral_blur.sigma_px"]["ci95"].at(0), 0.5) << run.output;
-  EXPECT_TRUE(entries(json::parse(run.output)["not_determined"]).contains("projector_shadow.bias"));
+  const json answer = calibrated(folder / "blurred.yaml");
+  auto found = entries(answer.at("parameters"));
+  EXPECT_NEAR(found["spectral_noise.sigma"]["value"], 0.5, 0.05) << answer;
+  EXPECT_NEAR(found["bilateral_blur.sigma_px"]["value"], 0.8, 0.1) << answer;
+  EXPECT_GT(found["bilateral_blur.sigma_px"]["ci95"].at(0), 0.5) << answer;
+  EXPECT_TRUE(entries(answer.at("not_determined")).contains("projector_shadow.bias"));
 }
 
 TEST_F(FitNoiseVerb, CalibrateSeesThatNoBlurIsBehindTheNoiseAndCompareAgrees) {
@@ -233,10 +235,7 @@ TEST_F(FitNoiseVerb, AnIntervalHoldsItsEstimateWhereStorageIsCoarse) {
                "name: truth\ncamera: recording\nprojector: recording\ndepth_scale: recording\neffects:\n"
                "  - spectral_noise: {sigma: 0.6, correlation_length: 0.9, white_share: 0.2}\n",
                4, 1.0);
-  const test::Run run = run_binrig("calibrate --quiet --json --measured " + (folder / "set") + " --model " +
-                                   (folder / "start.yaml") + " --out " + (folder / "calibrated.yaml"));
-  ASSERT_EQ(run.status, 0) << run.output;
-  const json answer = json::parse(run.output);
+  const json answer = calibrated(folder / "start.yaml");
   ASSERT_FALSE(answer.at("parameters").empty());
   for (const auto& p : answer.at("parameters")) {
     EXPECT_LE(p["ci95"].at(0), p["value"]) << p;
