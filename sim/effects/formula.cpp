@@ -107,6 +107,7 @@ class Formula : public Run {
   Formula(const EffectInstance& instance, const CaptureContext& context)
       : instance_(instance), context_(context), image_(context.camera), target_(target_of(instance)) {
     used_ = used_variables(instance);
+    for (std::size_t i = 0; i < variable_count; ++i) uses_[i] = used_.count(variable_names[i]) != 0;
     for (const auto& [name, value] : instance.values) {
       if (std::find(variable_names.begin(), variable_names.end(), name) != variable_names.end()) {
         refuse(instance, "has a parameter " + name + ", which is the name of a channel");
@@ -146,7 +147,7 @@ class Formula : public Run {
   }
 
  private:
-  bool uses(Variable variable) const { return used_.count(variable_names[variable]) != 0; }
+  bool uses(Variable variable) const { return uses_[variable]; }
 
   void set_row(RowEvaluator& values, const Layers& layers, const Channels& channels, int row) const {
     const int cols = layers.depth_mm.cols;
@@ -159,12 +160,17 @@ class Formula : public Run {
     copy(c, channels.crease_px);
     if (uses(v)) values.fill(v, row);
     if (uses(y)) values.fill(y, image_.y(row));
-    for (int col = 0; col < cols; ++col) {
-      if (uses(d)) values[d][col] = context_.focal_baseline() / layers.depth_mm.at<float>(row, col);
-      if (uses(r2)) values[r2][col] = image_.r2(col, row);
-      if (uses(r)) values[r][col] = std::sqrt(image_.r2(col, row));
-      if (uses(theta)) values[theta][col] = std::acos(std::clamp(channels.cos_incidence.at<float>(row, col), 0.f, 1.f));
-    }
+    const auto compute = [&](Variable variable, const auto& of_column) {
+      if (!uses(variable)) return;
+      for (int col = 0; col < cols; ++col) values[variable][col] = of_column(col);
+    };
+    const double focal_baseline = context_.focal_baseline();
+    const float* depth = layers.depth_mm.ptr<float>(row);
+    compute(d, [&](int col) { return focal_baseline / depth[col]; });
+    compute(r2, [&](int col) { return image_.r2(col, row); });
+    compute(r, [&](int col) { return std::sqrt(image_.r2(col, row)); });
+    compute(theta,
+            [&](int col) { return std::acos(std::clamp(channels.cos_incidence.at<float>(row, col), 0.f, 1.f)); });
   }
 
   void act(Layers& layers, int row, const std::vector<double>& value) const {
@@ -192,6 +198,7 @@ class Formula : public Run {
   ImageCoordinates image_;
   Target target_;
   std::set<std::string> used_;
+  std::array<bool, variable_count> uses_{};
 };
 
 ChannelSet channels_of(const EffectInstance& instance) {
