@@ -9,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "app/commands.h"
+#include "app/model_files.h"
 #include "app/noise_report.h"
 #include "app/plane_captures.h"
 #include "app/plane_simulation.h"
@@ -71,19 +72,6 @@ const CaptureNoise& nearest_to_anchor(const std::vector<CaptureNoise>& captures,
   };
   return *std::min_element(captures.begin(), captures.end(),
                            [&](const auto& a, const auto& b) { return away(a) < away(b); });
-}
-
-// File options are relative to the model file: a model that moves takes them along.
-void rebase_files(SensorModel& model, const std::string& out) {
-  const auto from = std::filesystem::absolute(model.file).parent_path();
-  const auto to = std::filesystem::absolute(out).parent_path();
-  for (auto& instance : model.effects)
-    for (auto& [name, value] : instance.options) {
-      const OptionSpec* spec = instance.declaration(effect_catalogue()).option(name);
-      if (spec == nullptr || !spec->is_file || value.empty() || std::filesystem::path(value).is_absolute()) continue;
-      value = std::filesystem::proximate(from / value, to).string();
-    }
-  model.file = out;
 }
 
 EffectInstance& instance_of(SensorModel& model, const std::string& effect) {

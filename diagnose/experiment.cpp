@@ -242,7 +242,8 @@ std::vector<StatVector> Experiment::simulate(const std::vector<Trial>& trials, c
   std::vector<int> order(layout_.captures);
   std::iota(order.begin(), order.end(), 0);
   std::sort(order.begin(), order.end(), [&](int a, int b) { return captures()[a].frames > captures()[b].frames; });
-  constexpr int chunk = 16;
+  // Short enough that few captures, too, keep all threads busy.
+  const int chunk = std::clamp(static_cast<int>(missing.size()) * layout_.captures / (4 * jobs()), 1, 16);
   for (int c : order)
     for (int first = 0; first < static_cast<int>(missing.size()); first += chunk) tasks.emplace_back(c, first);
   Progress bar(what.empty() ? "simulating" : what, static_cast<std::int64_t>(tasks.size()));

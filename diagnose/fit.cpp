@@ -357,8 +357,10 @@ class Fitter {
       if (!instance) continue;
       for (const auto& spec : instance->declaration(catalogue).parameters) {
         if (spec.kind != ParameterKind::integer && spec.interpolate) continue;
-        if (id == options_.scan_ranges_of && spec.kind != ParameterKind::integer && spec.log_scaled &&
-            spec.typical_low > 0) {
+        if (std::find(options_.fixed.begin(), options_.fixed.end(), id + "." + spec.name) != options_.fixed.end())
+          continue;
+        if ((options_.scan_all_ranges || id == options_.scan_ranges_of) && spec.kind != ParameterKind::integer &&
+            spec.log_scaled && spec.typical_low > 0) {
           scan_range(id, spec);
           continue;
         }

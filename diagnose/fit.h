@@ -43,7 +43,9 @@ struct FitOptions {
   const std::vector<Whitened>* slopes = nullptr;
   std::vector<bool> paused;           ///< Fit::paused of a fit nearby
   std::vector<std::string> scan_ids;  ///< instances whose whole-number parameters are varied, too
+  std::vector<std::string> fixed;     ///< parameters of theirs, by id.name, that stay
   std::string scan_ranges_of;         ///< of this instance, periods and steps are sought over the whole typical range
+  bool scan_all_ranges = false;       ///< of all `scan_ids`
 };
 
 struct Fit {

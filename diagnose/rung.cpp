@@ -62,7 +62,10 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   rung.offsets.resize(layout.captures);
   std::vector<std::string> ids;
   for (const auto& effect : start.effects) ids.push_back(effect.id);
-  const auto parameters = fit_parameters(start, catalogue);
+  auto parameters = fit_parameters(start, catalogue);
+  std::erase_if(parameters, [&](const FitParameter& p) {
+    return std::find(options.fixed.begin(), options.fixed.end(), p.id + "." + p.name) != options.fixed.end();
+  });
 
   const bool series = std::any_of(start.effects.begin(), start.effects.end(), [&](const EffectInstance& e) {
     const Needs& needs = e.declaration(catalogue).needs;
@@ -86,8 +89,12 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.seed = options.seed + 500;
     fit.place = values_of(motions, rung.offsets);
     fit.motions = &motions;
+    fit.fixed = options.fixed;
     if (pass + 1 == options.passes) {
       fit.scan_ids = ids;
+    } else if (options.scan_ranges) {
+      fit.scan_ids = ids;
+      fit.scan_all_ranges = true;
     } else if (!options.added.empty()) {
       // What it was refined with were the parameters of a model that lacked it.
       fit.scan_ids = {options.added};

@@ -27,7 +27,9 @@ struct RungOptions {
   int simulations = 48;
   int pose_draws = 12;  ///< different random registrations among the simulations
   int passes = 2, iterations = 8;
-  std::string added;  ///< id of the effect that this model has and the one before had not
+  std::string added;               ///< id of the effect that this model has and the one before had not
+  bool scan_ranges = false;        ///< periods and steps are sought over their whole typical ranges
+  std::vector<std::string> fixed;  ///< parameters, by id.name, that stay as they are
   std::uint64_t seed = 1;
 };
 

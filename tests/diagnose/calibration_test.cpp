@@ -1,0 +1,111 @@
+// Calibration of recordings whose truth is known: the small campaign as the catalogue's own effects make it, from
+// starts that lie elsewhere. How often intervals hold over many recordings is bench/calibrate_coverage.
+#include "diagnose/calibration.h"
+
+#include <gtest/gtest.h>
+
+#include "bench/support/small_campaign.h"
+#include "core/error.h"
+#include "sim/effect.h"
+
+namespace binrig {
+namespace {
+
+const bench::SmallCampaign& campaign() {
+  static const auto* const campaign = new bench::SmallCampaign(true);
+  return *campaign;
+}
+
+SensorModel model_of(const std::string& effects) {
+  return parse_sensor_model(
+      "name: m\nsensor: effects\ncamera: recording\nprojector: recording\nreference_distance: recording\n"
+      "depth_scale: recording\neffects:\n" +
+          effects,
+      "m", effect_catalogue());
+}
+
+Calibration calibrated(const std::string& truth, const std::string& start, CalibrationOptions options = {}) {
+  const SceneForwardModel& forward = campaign().forward();
+  const SensorModel instrument = model_of(truth), model = model_of(start);
+  const auto recording = bench::simulated_recording(forward, instrument, bench::drawn_offsets(forward, 5), 5);
+  SimulationCache cache("");
+  const Experiment experiment(forward, model, cache);
+  std::vector<std::string> unreadable;
+  const Measurement measured = experiment.measure([&](int c, int i) { return recording[c][i]; }, unreadable);
+  options.simulations = 16;
+  return calibrate(experiment, measured, model, options);
+}
+
+const CalibratedParameter& parameter(const Calibration& found, const std::string& id, const std::string& name) {
+  for (const auto& p : found.parameters)
+    if (p.id == id && p.name == name) return p;
+  throw Error("no " + id + "." + name);
+}
+
+/// The interval holds the truth within three fifths of its own width (1.2 widths from the middle is five standard
+/// deviations: no chance), and says something: it is narrower than `width`.
+void expect_found(const Calibration& found, const std::string& id, const std::string& name, double truth,
+                  double width) {
+  const CalibratedParameter& p = parameter(found, id, name);
+  ASSERT_TRUE(p.determined()) << id << "." << name << ": " << p.reason;
+  const double low = (*p.ci95)[0], high = (*p.ci95)[1], middle = 0.5 * (low + high);
+  EXPECT_LE(low, p.value);
+  EXPECT_GE(high, p.value);
+  EXPECT_LT(std::abs(truth - middle), 1.2 * (high - low)) << id << "." << name << " [" << low << ", " << high << "]";
+  EXPECT_LT(high - low, width) << id << "." << name << " [" << low << ", " << high << "]";
+  EXPECT_EQ(found.model.find(id)->value(name), p.value);
+  EXPECT_EQ(found.model.find(id)->values.at(name).ci95, p.ci95);
+}
+
+TEST(Calibration, FindsABiasThatPosesCouldNotMakeAndTheNoise) {
+  const Calibration found = calibrated("  - radial_distortion: {amplitude: 0.3}\n  - spectral_noise: {sigma: 0.3}\n",
+                                       "  - radial_distortion: {amplitude: 0.1}\n  - spectral_noise: {sigma: 0.2}\n");
+  EXPECT_TRUE(found.converged);
+  expect_found(found, "radial_distortion", "amplitude", 0.3, 0.2);
+  expect_found(found, "spectral_noise", "sigma", 0.3, 0.05);
+}
+
+TEST(Calibration, FindsDropOutsAndWhatSmoothsDepth) {
+  const Calibration found =
+      calibrated("  - spectral_noise: {sigma: 0.3}\n  - smoothing: {sigma: 0.9}\n  - random_dropout: {rate: 0.01}\n",
+                 "  - spectral_noise: {sigma: 0.3}\n  - smoothing: {sigma: 0.6}\n  - random_dropout: {rate: 0.003}\n",
+                 {.fixed = {"spectral_noise"}});
+  expect_found(found, "random_dropout", "rate", 0.01, 0.003);
+  expect_found(found, "smoothing", "sigma", 0.9, 0.3);
+  for (const auto& p : found.parameters) EXPECT_NE(p.id, "spectral_noise");
+}
+
+TEST(Calibration, FindsAStepOfAboutTheNoise) {
+  // 0.03 px are 0.4 mm at 800 mm. A step far beyond the noise has a valley at every tooth, none wider than a part in a
+  // thousand: where planes show it, the program begins there.
+  const Calibration found = calibrated("  - spectral_noise: {sigma: 0.3}\n  - disparity_quantisation: {step: 0.03}\n",
+                                       "  - spectral_noise: {sigma: 0.3}\n  - disparity_quantisation: {step: 0.02}\n",
+                                       {.only = {"disparity_quantisation"}});
+  expect_found(found, "disparity_quantisation", "step", 0.03, 0.003);
+  EXPECT_EQ(found.parameters.size(), 1u);
+}
+
+TEST(Calibration, NamesWhatTheRecordingCannotDetermine) {
+  // Nothing in this campaign is ever as slanted as 89 degrees, and the effect of a lamp that is not lit has no place.
+  const Calibration found =
+      calibrated("  - spectral_noise: {sigma: 0.3}\n",
+                 "  - low_confidence: {threshold: 130, disturbance: 0}\n  - spectral_noise: {sigma: 0.3}\n");
+  for (const char* name : {"grid", "share"}) {
+    const CalibratedParameter& p = parameter(found, "low_confidence", name);
+    EXPECT_FALSE(p.determined()) << name;
+    EXPECT_NE(p.reason, "");
+    EXPECT_EQ(p.value, p.before);
+    const ParameterValue& written = found.model.find("low_confidence")->values.at(name);
+    EXPECT_FALSE(written.ci95.has_value());
+    EXPECT_NE(written.provenance.find("not determined"), std::string::npos) << written.provenance;
+  }
+  EXPECT_TRUE(parameter(found, "spectral_noise", "sigma").determined());
+}
+
+TEST(Calibration, RefusesNamesThatAreNotThere) {
+  EXPECT_THROW(calibrated("  - spectral_noise: {}\n", "  - spectral_noise: {}\n", {.fixed = {"spectral_noise.sigmma"}}),
+               Error);
+}
+
+}  // namespace
+}  // namespace binrig
