@@ -1,0 +1,265 @@
+#include "diagnose/last_step.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <fmt/format.h>
+#include <Eigen/Dense>
+
+#include "core/error.h"
+#include "core/parallel.h"
+#include "diagnose/trace.h"
+
+namespace binrig {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr double straight = 0.25;     // of the prior's standard deviation: over so much of it, slopes hold
+constexpr int seeds = 4;              // of derivatives
+constexpr double least_signal = 0.3;  // share of a derivative's square that must be more than its own noise
+
+class Step {
+ public:
+  Step(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+       const std::vector<FitParameter>& priors, bool series, std::uint64_t seed)
+      : experiment_(experiment),
+        layout_(experiment.layout()),
+        motions_(motions),
+        rung_(rung),
+        priors_(priors),
+        series_(series),
+        seed_(seed) {}
+
+  /// One more step, against the mean of the model's own simulations, and the covariance of that very step.
+  LastStep run() {
+    const int n = static_cast<int>(priors_.size());
+    result_.model = rung_.model;
+    result_.furthest = 0;
+    result_.value = rung_.fit.value;
+    result_.place.assign(rung_.place.begin(), rung_.place.begin() + static_cast<long>(motions_.size()));
+    result_.rows = motion_rows(layout_, rung_.standard, motions_);
+    result_.metric = Metric(layout_, Part::train, result_.rows);
+    const Whitened rest = result_.metric.explain(rung_.data, result_.place).rest;
+    Whitened slope(rest.size());
+    for (std::size_t i = 0; i < rest.size(); ++i) slope[i] = compression_slope(rest[i]);
+    if (n == 0) return std::move(result_);
+    differentiate(slope);
+    const auto gradient = [&](const Whitened& residual) {
+      VectorXd g(n);
+      for (int p = 0; p < n; ++p) g[p] = dot(result_.jacobian[p], residual);
+      return g;
+    };
+    VectorXd precision(n), pull(n);
+    for (int p = 0; p < n; ++p) {
+      precision[p] = priors_[p].circular ? 0.01 : 1 / std::pow(priors_[p].prior_sigma, 2);
+      pull[p] = priors_[p].circular ? 0 : -precision[p] * (result_.value[p] - priors_[p].prior_centre);
+    }
+    const int count = static_cast<int>(rung_.nulls.size());
+    MatrixXd gradients(count, n);
+    parallel_for(count,
+                 [&](int k) { gradients.row(k) = gradient(result_.metric.explain(rung_.nulls[k]).rest).transpose(); });
+    // Compression moves the mean of what is skewed: of the recording as of the simulations.
+    const VectorXd bias = gradients.colwise().mean().transpose();
+    const MatrixXd centred = gradients.rowwise() - bias.transpose();
+    MatrixXd scatter = rung_.dispersion * (1 + 1.0 / count) * (centred.transpose() * centred) / (count - 1.0);
+    scatter.diagonal() += precision;
+    MatrixXd a = result_.information;
+    a.diagonal() += precision;
+    const MatrixXd inverse = a.partialPivLu().inverse();
+    result_.covariance = inverse * scatter * inverse.transpose();
+    result_.freedom = count - 1;
+
+    std::vector<bool> stays(n, false);
+    for (int p = 0; p < n; ++p) {
+      // A parameter of which the recording knows little is led by the noise of its slope, and where there is one, over
+      // more than a straight line's length. It stays where two simulations put it.
+      stays[p] = std::sqrt(result_.covariance(p, p)) > straight * prior_deviation(priors_[p]);
+      if (stays[p]) result_.covariance.row(p) *= std::sqrt(1.5), result_.covariance.col(p) *= std::sqrt(1.5);
+    }
+    const VectorXd step = result_.step = bounded_solution(a, gradient(rest) - bias + pull, stays);
+    result_.value += step;
+    for (int p = 0; p < n; ++p) {
+      if (tracing())
+        fmt::print(stderr, "last step {}.{}: {:.5g} by {:.5g}, standard deviation {:.5g}\n", priors_[p].id,
+                   priors_[p].name, result_.value[p], step[p], std::sqrt(result_.covariance(p, p)));
+      result_.furthest =
+          std::max(result_.furthest, std::abs(step[p]) / std::sqrt(std::max(result_.covariance(p, p), 1e-300)));
+      value_in(result_.model, priors_[p].id, priors_[p].name).value = priors_[p].natural(result_.value[p]);
+    }
+    return std::move(result_);
+  }
+
+ private:
+  /// Derivatives of y by the parameters, one a seed, in captures cut short, and what follows from them. Their own noise
+  /// must not pass for information: a direction in which parameters make up for each other would look short, steps
+  /// along it stop half way, and intervals be too narrow. So squares are taken between derivatives of different seeds.
+  void differentiate(const Whitened& slope) {
+    const int n = static_cast<int>(priors_.size());
+    std::vector<Trial> trials;
+    const auto add = [&](const SensorModel& model) {
+      for (int k = 0; k < seeds; ++k)
+        trials.push_back(
+            {model, rung_.offsets, seed_ + 700 + static_cast<std::uint64_t>(k), Part::train, short_frames, !series_});
+    };
+    add(rung_.model);
+    std::vector<int> asked;
+    std::vector<double> taken;
+    for (int p = 0; p < n; ++p) {
+      const FitParameter& parameter = priors_[p];
+      if (silent(rung_.fit.slopes[p])) continue;
+      double step = parameter.step;
+      if (!parameter.circular &&
+          std::abs(parameter.scaled(parameter.natural(result_.value[p] + step)) - result_.value[p]) < 0.5 * step)
+        step = -step;
+      SensorModel moved = rung_.model;
+      value_in(moved, parameter.id, parameter.name).value = parameter.natural(result_.value[p] + step);
+      add(moved);
+      asked.push_back(p);
+      taken.push_back(step);
+    }
+    const auto simulated = experiment_.simulate(trials, "taking derivatives");
+    result_.jacobian.assign(n, Whitened(layout_.size, 0.f));
+    result_.information = MatrixXd::Zero(n, n);
+    std::vector<std::vector<Whitened>> each(n);
+    std::vector<Whitened> whole(n), applied(n);
+    parallel_for(static_cast<int>(asked.size()), [&](int m) {
+      const int p = asked[m];
+      whole[p].assign(layout_.size, 0.f);
+      for (int k = 0; k < seeds; ++k) {
+        StatVector d = simulated[(m + 1) * seeds + k];
+        for (int i = 0; i < layout_.size; ++i) d[i] = (d[i] - simulated[k][i]) / static_cast<float>(taken[m]);
+        each[p].push_back(rung_.standard.difference(d));
+        for (int i = 0; i < layout_.size; ++i) {
+          each[p][k][i] *= slope[i];
+          whole[p][i] += each[p][k][i] / seeds;
+        }
+      }
+      // Segments in which a derivative is mostly noise are left out.
+      std::vector<double> signal(segments().size(), 0), noise(segments().size(), 0);
+      for (const auto& block : layout_.blocks)
+        for (int i = block.offset; i < block.offset + block.size; ++i) {
+          signal[block.segment] += static_cast<double>(whole[p][i]) * whole[p][i];
+          for (const auto& d : each[p])
+            noise[block.segment] += std::pow(d[i] - whole[p][i], 2) / (seeds * (seeds - 1.0));
+        }
+      for (const auto& block : layout_.blocks)
+        if (noise[block.segment] < (1 - least_signal) * signal[block.segment])
+          std::copy_n(whole[p].begin() + block.offset, block.size, result_.jacobian[p].begin() + block.offset);
+      applied[p] = result_.metric.apply(result_.jacobian[p]);
+    });
+    const auto counted = [&](const Whitened& like, const Whitened& all) {
+      Whitened part = all;
+      for (std::size_t i = 0; i < part.size(); ++i)
+        if (like[i] == 0) part[i] = 0;
+      return part;
+    };
+    for (int p : asked)
+      for (int q : asked) result_.information(p, q) = seeds * seeds * dot(applied[p], whole[q]);
+    std::vector<MatrixXd> own(seeds, MatrixXd::Zero(n, n));
+    parallel_for(seeds, [&](int k) {
+      for (int p : asked) {
+        const Whitened part = result_.metric.apply(counted(result_.jacobian[p], each[p][k]));
+        for (int q : asked) own[k](p, q) = dot(part, each[q][k]);
+      }
+    });
+    for (const auto& o : own) result_.information -= o;
+    result_.information /= seeds * (seeds - 1.0);
+    result_.information = (0.5 * (result_.information + result_.information.transpose())).eval();
+    MatrixXd together = MatrixXd::Zero(n, n);
+    for (int p : asked)
+      for (int q : asked) together(p, q) = dot(applied[p], result_.jacobian[q]);
+    for (int p = 0; p < n; ++p)
+      if (applied[p].empty() || result_.information(p, p) < least_signal * together(p, p)) {
+        result_.information.row(p).setZero(), result_.information.col(p).setZero();
+        together.row(p).setZero(), together.col(p).setZero();
+        std::fill(result_.jacobian[p].begin(), result_.jacobian[p].end(), 0.f);
+      }
+    // Direction by direction; where even that is mostly noise, no less than a tenth of what it seems.
+    VectorXd scale(n);
+    for (int p = 0; p < n; ++p) scale[p] = prior_deviation(priors_[p]);
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> directions(scale.asDiagonal() * together * scale.asDiagonal());
+    const MatrixXd axes = scale.cwiseInverse().asDiagonal() * directions.eigenvectors();
+    const MatrixXd ends = scale.asDiagonal() * directions.eigenvectors();
+    VectorXd squares(n);
+    for (int d = 0; d < n; ++d)
+      squares[d] = std::max(ends.col(d).dot(result_.information * ends.col(d)), 0.1 * directions.eigenvalues()[d]);
+    result_.information = axes * squares.asDiagonal() * axes.transpose();
+    for (int p = 0; p < n; ++p)
+      if (together(p, p) == 0) result_.information.row(p).setZero(), result_.information.col(p).setZero();
+  }
+
+  /// Solves slope * delta = pull; where a bound stops a parameter short, the others are solved for again with it there.
+  VectorXd bounded_solution(const MatrixXd& slope, const VectorXd& pull, const std::vector<bool>& stays) const {
+    const int n = static_cast<int>(pull.size());
+    VectorXd delta = VectorXd::Zero(n);
+    std::vector<int> free, stopped;
+    for (int p = 0; p < n; ++p) (stays[p] ? stopped : free).push_back(p);
+    while (!free.empty()) {
+      const int m = static_cast<int>(free.size());
+      MatrixXd a(m, m);
+      VectorXd b(m);
+      for (int i = 0; i < m; ++i) {
+        b[i] = pull[free[i]];
+        for (int q : stopped) b[i] -= slope(free[i], q) * delta[q];
+        for (int j = 0; j < m; ++j) a(i, j) = slope(free[i], free[j]);
+      }
+      const VectorXd solved = a.partialPivLu().solve(b);
+      std::vector<int> left;
+      for (int i = 0; i < m; ++i) {
+        const FitParameter& parameter = priors_[free[i]];
+        double reached = std::clamp(solved[i], -parameter.longest, parameter.longest);
+        if (!parameter.circular)
+          reached = parameter.scaled(parameter.natural(result_.value[free[i]] + reached)) - result_.value[free[i]];
+        delta[free[i]] = reached;
+        (std::abs(reached - solved[i]) > 1e-9 + 0.01 * std::abs(solved[i]) ? stopped : left).push_back(free[i]);
+      }
+      if (left.size() == free.size()) break;
+      free = left;
+    }
+    return delta;
+  }
+
+  const Experiment& experiment_;
+  const Layout& layout_;
+  const std::vector<SceneMotion>& motions_;
+  const Rung& rung_;
+  const std::vector<FitParameter>& priors_;
+  const bool series_;
+  const std::uint64_t seed_;
+  LastStep result_;
+};
+
+}  // namespace
+
+double prior_deviation(const FitParameter& parameter) {
+  return parameter.circular ? std::numbers::pi / std::sqrt(3.0) : parameter.prior_sigma;
+}
+
+bool silent(const Whitened& slope) {
+  return std::all_of(slope.begin(), slope.end(), [](float v) { return v == 0; });
+}
+
+ParameterValue& value_in(SensorModel& model, const std::string& id, const std::string& name) {
+  for (auto& instance : model.effects)
+    if (instance.id == id) return instance.values.at(name);
+  throw Error("the model has no " + id);
+}
+
+LastStep last_step(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+                   const std::vector<FitParameter>& priors, bool series, std::uint64_t seed) {
+  return Step(experiment, motions, rung, priors, series, seed).run();
+}
+
+double share_beyond_places(const Layout& layout, const LastStep& step, int p) {
+  std::vector<NuisanceRow> free = step.rows;
+  for (auto& row : free)
+    for (float& v : row.change) v *= 50;  // of the prior's sigmas: as good as no prior
+  const Whitened& slope = step.jacobian[p];
+  const double known = dot(step.metric.apply(slope), slope);
+  return known > 0 ? dot(Metric(layout, Part::train, free).apply(slope), slope) / known : 0;
+}
+
+}  // namespace binrig
