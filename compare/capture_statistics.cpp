@@ -8,14 +8,14 @@
 namespace binrig {
 namespace {
 
-/// Robust centre and standard deviation of every 37th interior residual (2000 of a 320 x 240 image): the outlier limit
-/// needs no more, and all pixels would cost more than everything else.
+/// Robust centre and standard deviation of some 1500 residuals of the image: the outlier limit needs no more, and all
+/// pixels would cost more than everything else.
 void robust_spread(const cv::Mat& residual, const cv::Mat& measured, const cv::Mat& interior, double& centre,
                    double& scale) {
   std::vector<float> sample;
   const int count = static_cast<int>(residual.total());
   const float *r = residual.ptr<float>(), *m = measured.ptr<float>(), *i = interior.ptr<float>();
-  const int step = std::max(1, count / 4000) | 1;
+  const int step = std::max(1, count / 1500) | 1;
   for (int p = 0; p < count; p += step)
     if (m[p] * i[p] > 0) sample.push_back(r[p]);
   if (sample.empty()) {

@@ -101,6 +101,14 @@ void CoherentNoise::add(const Lattice& lattice, const RandomStream& stream, cv::
   }
 }
 
+double CoherentNoise::bound() const {
+  // A node with a unit gradient gives at most its distance d; the weighted mean of d is at most the root of that of d^2,
+  // which is largest in the middle of the cell: 1/2.
+  double sum = 0;
+  for (const Lattice& lattice : lattices_) sum += lattice.scale * std::sqrt(0.5);
+  return sum;
+}
+
 void CoherentNoise::draw(const RandomStream& stream, cv::Mat& field) const {
   field.create(rows_, cols_, CV_32F);
   field.setTo(0);
@@ -109,11 +117,14 @@ void CoherentNoise::draw(const RandomStream& stream, cv::Mat& field) const {
 
 DisturbanceField::DisturbanceField(int rows, int cols, double grid_px, double changing, LatticeWeight weight,
                                    const RandomStream& capture_draws)
-    : noise_(rows, cols, grid_px, weight), changing_(changing) {
-  noise_.draw(capture_draws.child("disturbance"), fixed_);
+    : noise_(rows, cols, grid_px, weight), changing_(changing), capture_draws_(capture_draws) {}
+
+double DisturbanceField::bound() const {
+  return noise_.bound() * (std::sqrt(1 - changing_) + std::sqrt(changing_));
 }
 
 const cv::Mat& DisturbanceField::at(const RandomStream& frame_draws) {
+  if (fixed_.empty()) noise_.draw(capture_draws_.child("disturbance"), fixed_);
   if (changing_ <= 0) return fixed_;
   noise_.draw(frame_draws.child("disturbance"), field_);
   cv::addWeighted(fixed_, std::sqrt(1 - changing_), field_, std::sqrt(changing_), 0, field_);

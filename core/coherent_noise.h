@@ -27,6 +27,8 @@ class CoherentNoise {
 
   /// rows x cols, CV_32F. Same stream, same bytes.
   void draw(const RandomStream& stream, cv::Mat& field) const;
+  /// No value of any draw is further from 0.
+  double bound() const;
 
  private:
   struct Lattice {
@@ -51,11 +53,14 @@ class DisturbanceField {
                    const RandomStream& capture_draws);
   /// Valid until the next call.
   const cv::Mat& at(const RandomStream& frame_draws);
+  /// No value of the field is further from 0: a threshold that nothing comes so near to needs no field.
+  double bound() const;
 
  private:
   CoherentNoise noise_;
   double changing_;
-  cv::Mat fixed_, field_;
+  RandomStream capture_draws_;
+  cv::Mat fixed_, field_;  // drawn when asked for
 };
 
 }  // namespace binrig

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <numeric>
+#include <optional>
 #include <set>
 
 #include <fmt/format.h>
@@ -16,6 +18,9 @@
 namespace binrig {
 namespace {
 
+constexpr double far_from_done = 1.3;       // dispersion
+constexpr double least_proper_gain = 0.01;  // an element
+
 CandidateReport report_of(const Refined& refined, int null_count) {
   CandidateReport report;
   report.effect = refined.effect;
@@ -27,12 +32,21 @@ CandidateReport report_of(const Refined& refined, int null_count) {
   return report;
 }
 
-void fill_parameters(CandidateReport& report, const SensorModel& model, const Fit& fit) {
+void fill_parameters(CandidateReport& report, const SensorModel& model, const Fit& fit,
+                     const EffectCatalogue& catalogue) {
   const EffectInstance* instance = model.find(report.id);
   if (!instance) return;
   report.parameters.clear();
   for (const auto& parameter : fit.parameters)
     if (parameter.id == report.id) report.parameters.emplace_back(parameter, instance->values.at(parameter.name));
+  for (const auto& spec : instance->declaration(catalogue).parameters) {  // periods, steps, places: without interval
+    if (spec.kind != ParameterKind::integer && spec.interpolate) continue;
+    FitParameter parameter;
+    parameter.id = report.id;
+    parameter.name = spec.name;
+    parameter.unit = spec.unit;
+    report.parameters.emplace_back(parameter, instance->values.at(spec.name));
+  }
 }
 
 /// The climb from the model given to one that explains the recording, effect by effect.
@@ -56,8 +70,13 @@ class Climb {
   void run() {
     rungs_.push_back(fit_rung(experiment_, motions_, measured_, given_, {}, rung_options_));
     added_.push_back("");
-    signatures_ = make_signatures(experiment_, signature_model(given_, rungs_[0].model, catalogue_), all_,
-                                  SignatureOptions{.seed = options_.seed * 7001});
+    // A fit that went astray says nothing of how strong the noise is.
+    const SensorModel& near = rungs_[0].dispersion > search_options_.astray ? given_ : rungs_[0].model;
+    book_.emplace(experiment_, signature_model(given_, near, catalogue_), all_,
+                  SignatureOptions{.seed = options_.seed * 7001});
+    std::vector<int> everyone(all_.tested.size());
+    std::iota(everyone.begin(), everyone.end(), 0);
+    book_->look_at(everyone, false);
     while (static_cast<int>(evidence_.accepted.size()) < options_.most_effects && step_up()) {
     }
     removed_.resize(rungs_.size());
@@ -76,7 +95,7 @@ class Climb {
       index[h] = static_cast<int>(result.first.tested.size());
       result.first.tested.push_back(all_.tested[h]);
     }
-    for (const auto& signature : signatures_) {
+    for (const auto& signature : book_->signatures()) {
       if (index[signature.hypothesis] < 0) continue;
       result.second.push_back(signature);
       result.second.back().hypothesis = index[signature.hypothesis];
@@ -84,11 +103,28 @@ class Climb {
     return result;
   }
 
+  /// Simulates more settings of the hypotheses that explain something already.
+  void look_closer(const Rung& rung) {
+    constexpr double something = 6;  // gain of chi: a fifth of what is needed to be accepted
+    looked_closely_.resize(all_.tested.size());
+    std::vector<int> worth_it;
+    for (const LinearGain& found : Ranking(experiment_, rung, all_, book_->signatures()).gains(rung.rest)) {
+      const int h = found.hypothesis;
+      if (looked_closely_[h] || found.gain < something * rung.dispersion) continue;
+      looked_closely_[h] = true;
+      worth_it.push_back(h);
+    }
+    book_->look_at(worth_it, true);
+  }
+
   /// Adds the best hypothesis and fits everything again; false if there is none, or if it lowers no held-out score.
   bool step_up() {
+    const Layout& layout = experiment_.layout();
     const Rung& rung = rungs_.back();
+    look_closer(rung);
     const auto [hypotheses, signatures] = left();
-    const SearchResult found = search(experiment_, motions_, rung, measured_, hypotheses, signatures, search_options_);
+    const SearchResult found =
+        search(experiment_, motions_, rung, measured_, hypotheses, signatures, *book_, search_options_);
     if (diagnosis_.ranking.empty())
       for (std::size_t h = 0; h < hypotheses.tested.size(); ++h)
         diagnosis_.ranking.push_back(
@@ -99,11 +135,25 @@ class Climb {
         fmt::print(stderr, "  {} linear {:.1f} price {:.1f} train {:.1f} test {:.1f}\n", r.effect, r.linear_gain,
                    r.price, r.train_gain, r.test_gain);
     }
-    const Refined* best = found.accepted(search_options_);
-    if (!best) return false;
+    const auto worthy = found.accepted(search_options_);
+    if (worthy.empty()) return false;
+
+    // The runner-up is tried, too, where the best leaves much: a model's bent parameters may have favoured the wrong
+    // one.
+    const Refined* best = worthy[0];
+    Rung next = with_added(rung, *best);
+    double proper = proper_score(layout, next);
+    if (next.dispersion > far_from_done && worthy.size() > 1 && worthy[1]->score() > 0.5 * best->score()) {
+      Rung other = with_added(rung, *worthy[1]);
+      const double its = proper_score(layout, other);
+      if (tracing())
+        fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", best->effect, next.dispersion,
+                   proper, worthy[1]->effect, other.dispersion, its);
+      if (its < proper) best = worthy[1], next = std::move(other), proper = its;
+    }
 
     CandidateReport report = report_of(*best, static_cast<int>(rung.nulls.size()));
-    Evidence::Accepted accepted{best->effect, false, true, {}};
+    Evidence::Accepted accepted{best->effect, false, best->random_map, {}};
     for (const auto& hypothesis : all_.tested)
       if (hypothesis.effect == best->effect) accepted.map = hypothesis.declaration->per_unit_map;
     for (const auto& rival : found.refined)
@@ -111,31 +161,39 @@ class Climb {
         accepted.rivals.push_back(rival.effect);
     report.confounded_with = accepted.rivals;
 
-    RungOptions again = rung_options_;
-    again.simulations = std::max(16, options_.simulations / 2);
-    again.added = best->id;
-    // What the model had before was bent to make up for what was missing: it begins anew where the user put it.
-    SensorModel start = best->model;
-    for (auto& instance : start.effects)
-      if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
-    const auto offsets = rung.offsets;
-    rungs_.push_back(fit_rung(experiment_, motions_, measured_, start, offsets, again));
     // The gain was computed with the scale of the rung before; the ladder judges by the last one's. An addition that
-    // does not lower the held-out score there is no improvement, whatever its gain said.
-    const auto judged = scores(experiment_.layout(), rungs_.back(), measured_.all, rungs_);
+    // lowers neither the held-out score there nor the proper score is no improvement, whatever its gain said.
+    const double proper_before = proper_score(layout, rung);
+    const std::string effect = best->effect;
+    rungs_.push_back(std::move(next));
+    const auto judged = scores(layout, rungs_.back(), measured_.all, rungs_);
     const double before = judged[judged.size() - 2].heldout, after = judged.back().heldout;
-    if (after >= before) {
+    if (tracing())
+      fmt::print(stderr, "  {} added: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", effect, before, after,
+                 proper_before, proper);
+    if (after >= before && proper > proper_before - least_proper_gain) {
       diagnosis_.warnings.push_back(
           fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "
                       "({:.3g} to {:.3g})",
-                      best->effect, before, after));
+                      effect, before, after));
       rungs_.pop_back();
       return false;
     }
     diagnosis_.candidates.push_back(report);
     evidence_.accepted.push_back(accepted);
-    added_.push_back(best->effect);
+    added_.push_back(effect);
     return true;
+  }
+
+  /// The rung's model with a hypothesis added, everything fitted again. What the model had before was bent to make up
+  /// for what was missing: it begins anew where the user put it.
+  Rung with_added(const Rung& rung, const Refined& hypothesis) const {
+    RungOptions options = rung_options_;
+    options.added = hypothesis.id;
+    SensorModel start = hypothesis.model;
+    for (auto& instance : start.effects)
+      if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
+    return fit_rung(experiment_, motions_, measured_, start, rung.offsets, options);
   }
 
   /// What was needed on the way may be superfluous beside what was added later. The last one just proved itself.
@@ -195,7 +253,7 @@ class Climb {
     diagnosis_.improved = last.model;
     write_intervals(diagnosis_.improved, last.fit, last.dispersion, options_.provenance);
     for (CandidateReport& candidate : diagnosis_.candidates) {
-      fill_parameters(candidate, diagnosis_.improved, last.fit);
+      fill_parameters(candidate, diagnosis_.improved, last.fit, catalogue_);
       const auto step =
           static_cast<std::size_t>(std::find(added_.begin(), added_.end(), candidate.effect) - added_.begin());
       candidate.heldout_after = ladder[step].heldout;
@@ -237,7 +295,8 @@ class Climb {
   const std::vector<SceneMotion> motions_;
   const SearchOptions search_options_;
   RungOptions rung_options_;
-  std::vector<Signature> signatures_;
+  std::optional<SignatureBook> book_;
+  std::vector<bool> looked_closely_;  // by hypothesis
   std::vector<Rung> rungs_;
   std::vector<std::string> added_, removed_;  // by rung
   Evidence evidence_;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 #include <Eigen/Cholesky>
@@ -49,6 +50,11 @@ Whitened shrunk_mean(const Layout& layout, const std::vector<Whitened>& differen
   return mean;
 }
 
+bool draws_map(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& id) {
+  const EffectInstance* instance = model.find(id);
+  return instance && instance->declaration(catalogue).per_unit_map;
+}
+
 std::vector<Whitened> whiten_all(const Standard& standard, const std::vector<StatVector>& simulations) {
   std::vector<Whitened> result(simulations.size());
   parallel_for(static_cast<int>(simulations.size()), [&](int k) { result[k] = standard.linear(simulations[k]); });
@@ -56,6 +62,29 @@ std::vector<Whitened> whiten_all(const Standard& standard, const std::vector<Sta
 }
 
 }  // namespace
+
+std::vector<StatVector> simulate_typical_units(const Experiment& experiment, const std::vector<Trial>& trials,
+                                               const std::string& progress, std::vector<StatVector>* as_they_are) {
+  const EffectCatalogue& catalogue = experiment.forward().catalogue();
+  std::vector<StatVector> result = experiment.simulate(trials, progress);
+  if (as_they_are) *as_they_are = result;
+  std::vector<Trial> plain;
+  std::vector<std::size_t> of;
+  for (std::size_t t = 0; t < trials.size(); ++t) {
+    Trial trial = trials[t];
+    std::erase_if(trial.model.effects, [&](const EffectInstance& e) { return e.declaration(catalogue).per_unit_map; });
+    if (trial.model.effects.size() == trials[t].model.effects.size()) continue;
+    plain.push_back(std::move(trial));
+    of.push_back(t);
+  }
+  if (plain.empty()) return result;
+  const auto without = experiment.simulate(plain, progress);
+  for (const Block& block : experiment.layout().blocks)
+    if (segments()[block.segment].name == "bias")
+      for (std::size_t k = 0; k < of.size(); ++k)
+        std::copy_n(without[k].begin() + block.offset, block.size, result[of[k]].begin() + block.offset);
+  return result;
+}
 
 MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector>& simulations) {
   const auto y = whiten_all(standard, simulations);
@@ -75,6 +104,7 @@ MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector
 
 namespace {
 
+constexpr double least_gain = 1;   // of chi, for which a value is taken
 constexpr double pause_below = 4;  // data's information on a parameter, in units of its prior's, see Fit::paused
 
 /// Minimum of x'Mx/2 - b'x over |x| <= limit, element by element, by projected coordinate descent: a parameter that
@@ -169,8 +199,8 @@ class Fitter {
   Explained explain(State& state) const {
     std::vector<Trial> trials;
     for (int k = 0; k < options_.seeds; ++k) trials.push_back(trial(state.model, state.offsets, k));
-    state.simulations = experiment_.simulate(trials, "fitting parameters");
-    const MeanOfSimulations mean = mean_of(standard_, state.simulations);
+    const MeanOfSimulations mean =
+        mean_of(standard_, simulate_typical_units(experiment_, trials, "fitting parameters", &state.simulations));
     Whitened difference = data_;
     for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= mean.mean[i];
     return metric_.explain(difference, state.place, {}, mean.noise);
@@ -229,8 +259,15 @@ class Fitter {
         for (std::size_t i = 0; i < d.size(); ++i) d[i] = (d[i] - now_.simulations[k][i]) / step;
         differences.push_back(standard_.difference(d));
       }
+      if (draws_map(now_.model, experiment_.forward().catalogue(), parameters_[moved[m]].id))
+        for (Whitened& d : differences) forget_bias(d);  // of the typical unit it stays where it is
       fit_.slopes[moved[m]] = shrunk_mean(experiment_.layout(), differences);
     });
+  }
+
+  void forget_bias(Whitened& change) const {
+    for (const Block& block : experiment_.layout().blocks)
+      if (segments()[block.segment].name == "bias") std::fill_n(change.begin() + block.offset, block.size, 0.f);
   }
 
   /// Normal equations of the next step.
@@ -323,18 +360,18 @@ class Fitter {
     }
   }
 
-  /// Tries a value of a parameter; keeps it if chi falls.
-  bool try_value(const std::string& id, const ParameterSpec& spec, double value) {
+  /// Tries a value of a parameter; keeps it if chi falls. Returns by how much it does.
+  double try_value(const std::string& id, const ParameterSpec& spec, double value) {
     value = std::clamp(value, spec.lower, spec.upper);
-    if (value == now_.model.find(id)->value(spec.name)) return false;
+    if (value == now_.model.find(id)->value(spec.name)) return -std::numeric_limits<double>::infinity();
     SensorModel changed = now_.model;
     find_instance(changed, id)->values[spec.name].value = value;
     State next = evaluate(changed, fit_.value);
     if (tracing())
       fmt::print(stderr, "  {}.{} = {:.5g}: chi {:.0f} (best {:.0f})\n", id, spec.name, value, next.chi, now_.chi);
-    if (next.chi >= now_.chi - 1) return false;
-    now_ = std::move(next);
-    return true;
+    const double gain = now_.chi - next.chi;
+    if (gain > least_gain) now_ = std::move(next);
+    return gain;
   }
 
   /// Periods and steps have narrow valleys: the whole typical range, then closer and closer about the best.
@@ -345,7 +382,12 @@ class Fitter {
     for (int k = 0; k < places; ++k) try_value(id, spec, spec.typical_low * std::pow(ratio, k));
     for (double r = std::sqrt(ratio); r > closest;) {
       const double value = now_.model.find(id)->value(spec.name);
-      if (!try_value(id, spec, value * r) && !try_value(id, spec, value / r)) r = std::sqrt(r);
+      const double up = try_value(id, spec, value * r);
+      if (up > least_gain) continue;
+      const double down = try_value(id, spec, value / r);
+      if (down > least_gain) continue;
+      if (std::min(up, down) > -4 * now_.dispersion) break;  // two standard deviations
+      r = std::sqrt(r);
     }
   }
 
@@ -370,7 +412,7 @@ class Fitter {
             const double step = spec.kind == ParameterKind::integer ? std::max(1.0, std::round(0.25 * value))
                                 : spec.either_sign                  ? 0.06 * spec.typical_high
                                                                     : 0.2 * value;
-            if (!try_value(id, spec, value + direction * step)) break;
+            if (try_value(id, spec, value + direction * step) <= least_gain) break;
           }
       }
     }

@@ -69,6 +69,13 @@ struct Fit {
   bool converged = false;
 };
 
+/// Simulations of a unit whose fixed depth map is 0: what other units have there is as likely to be its negative, and a
+/// mean over a few units would compare their maps with that of the one measured. Only the bias maps differ from those of
+/// Experiment::simulate, and only for models with effects that draw such a map. `as_they_are`, if given: the latter's.
+std::vector<StatVector> simulate_typical_units(const Experiment& experiment, const std::vector<Trial>& trials,
+                                               const std::string& progress,
+                                               std::vector<StatVector>* as_they_are = nullptr);
+
 /// Mean of whitened (not compressed) simulations, and how far each is from it, scaled to the mean's own error.
 struct MeanOfSimulations {
   Whitened mean;

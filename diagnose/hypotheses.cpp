@@ -51,17 +51,17 @@ Hypothesis make(const EffectDeclaration& effect) {
   }
   // The other parameters one at a time about their initial values: enough for the shortlist, which is then refined.
   std::vector<std::map<std::string, double>> shapes{initial};
+  std::vector<bool> detail{false};
   for (const auto& spec : effect.parameters) {
     if (&spec == amplitude || spec.kind == ParameterKind::phase || spec.typical_low == spec.typical_high) continue;
-    for (double share : {0.15, 0.85}) {
-      auto shape = initial;
-      shape[spec.name] = along(spec, share);
-      if (std::abs(shape[spec.name] - spec.initial) > 1e-9) shapes.push_back(shape);
-    }
-    if (spec.either_sign) {
-      auto shape = initial;
-      shape[spec.name] = clip(spec, -along(spec, 0.5));
-      shapes.push_back(shape);
+    std::vector<double> values;
+    for (double share : {0.15, 0.85})
+      if (std::abs(along(spec, share) - spec.initial) > 1e-9) values.push_back(along(spec, share));
+    if (spec.either_sign) values.push_back(clip(spec, -along(spec, 0.5)));
+    for (double value : values) {
+      shapes.push_back(initial);
+      shapes.back()[spec.name] = value;
+      detail.push_back(!is_discrete(spec));  // of periods and places, each value is another trace
     }
   }
   // Two parameters that each value stands for itself in are a place: a grid of places, so close that a strong atom on
@@ -78,8 +78,10 @@ Hypothesis make(const EffectDeclaration& effect) {
         shape[place[1]->name] = clip(*place[1], (-0.6 + 0.3 * row) * place[1]->typical_high);
         shapes.push_back(shape);
       }
+  detail.resize(shapes.size(), false);
   for (std::size_t k = 0; k < shapes.size(); ++k) {
     StrengthPath path;
+    path.detail = detail[k];
     path.interpolate = !is_discrete(*amplitude);
     path.mirror = amplitude->either_sign && path.interpolate;
     for (double a : amplitudes(effect, *amplitude, k == 0 && !phase)) {

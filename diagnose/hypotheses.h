@@ -22,6 +22,9 @@ struct StrengthPath {
   bool interpolate = true;
   bool mirror = false;     ///< the opposite sign is taken as the opposite trace
   int quadrature_of = -1;  ///< index of the path a quarter period before: both together span every phase
+  /// Looked at only where the hypothesis' other paths explain something: it differs from the first one by a parameter
+  /// that changes the trace little by little.
+  bool detail = false;
 };
 
 struct Hypothesis {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include <Eigen/Cholesky>
 
@@ -12,6 +13,7 @@ namespace binrig {
 namespace {
 
 constexpr int short_frames = 3;
+constexpr double far_off = 2;  // dispersion
 
 /// A handful of short simulations for the weights of a fit.
 std::vector<StatVector> short_simulations(const Experiment& experiment, const SensorModel& model,
@@ -48,6 +50,13 @@ std::vector<Whitened> cross_whitened(const Layout& layout, const StatVector& mea
     for (std::size_t k = fold; k < simulations.size(); k += folds) result[k] = standard.linear(simulations[k]);
   });
   return result;
+}
+
+/// Mean square of what a metric leaves of the data over that of the nulls, at least 1.
+double dispersion_of(const Rung& rung, const Metric& train) {
+  double null_square = 0;
+  for (const auto& null : rung.nulls) null_square += train.explain(null).chi / rung.nulls.size();
+  return null_square > 0 ? std::max(1.0, train.explain(rung.data, rung.place).chi / null_square) : 1;
 }
 
 }  // namespace
@@ -139,19 +148,27 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     for (std::size_t m = 0; m < motions.size(); ++m) draws[d][m] = stream.normal(m);
     draw_shift.push_back(shift_of(layout, motions, draws[d]));
   }
-  std::vector<Trial> trials;
   std::vector<StatVector> shifts;
-  for (int k = 0; k < options.simulations; ++k) {
-    const int d = k % options.pose_draws;
-    trials.push_back({rung.model, offsets_of(layout, motions, draws[d], rung.offsets),
-                      options.seed + 1000 + static_cast<std::uint64_t>(k), Part::all});
-    shifts.push_back(draw_shift[d]);
-  }
-  rung.simulations = experiment.simulate(trials, "learning the model's own randomness");
-  rung.standard = Standard(layout, measured.all, rung.simulations, shifts);
-  auto rows = motion_rows(layout, rung.standard, motions);
-  rung.data = rung.standard.linear(measured.all);
+  std::vector<NuisanceRow> rows;
   rung.place = values_of(motions, rung.offsets);
+  for (const int count : {options.simulations / 2, options.simulations}) {
+    std::vector<Trial> trials;
+    for (int k = static_cast<int>(shifts.size()); k < count; ++k) {
+      const int d = k % options.pose_draws;
+      trials.push_back({rung.model, offsets_of(layout, motions, draws[d], rung.offsets),
+                        options.seed + 1000 + static_cast<std::uint64_t>(k), Part::all});
+      shifts.push_back(draw_shift[d]);
+    }
+    auto more = experiment.simulate(trials, "learning the model's own randomness");
+    std::move(more.begin(), more.end(), std::back_inserter(rung.simulations));
+    rung.standard = Standard(layout, measured.all, rung.simulations, shifts);
+    rows = motion_rows(layout, rung.standard, motions);
+    rung.data = rung.standard.linear(measured.all);
+    rung.nulls = cross_whitened(layout, measured.all, rung.simulations, shifts);
+    // Where the model is far off, more simulations say nothing more.
+    const Metric metric(layout, Part::train, rows);
+    if (dispersion_of(rung, metric) > far_off) break;
+  }
 
   FitOptions derivatives;
   derivatives.seeds = 2;
@@ -179,12 +196,9 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   rung.place.resize(rows.size(), 0);
   rung.train = Metric(layout, Part::train, rows);
   rung.test = Metric(layout, Part::test, rows, rung.train.global_posterior());
-  rung.nulls = cross_whitened(layout, measured.all, rung.simulations, shifts);
-  double null_square = 0;
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(n), square = sum;
   for (const auto& null : rung.nulls) {
     const Explained own = rung.train.explain(null);
-    null_square += own.chi / rung.nulls.size();
     for (int p = 0; p < n; ++p) {
       const double value = own.values[motions.size() + p] * rung.fit.parameters[p].prior_sigma;
       sum[p] += value;
@@ -193,7 +207,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   }
   if (const double count = static_cast<double>(rung.nulls.size()); count > 1)
     rung.fit.scatter = ((square - sum.cwiseProduct(sum) / count) / (count - 1)).cwiseMax(0).cwiseSqrt();
-  if (null_square > 0) rung.dispersion = std::max(1.0, rung.train.explain(rung.data, rung.place).chi / null_square);
+  rung.dispersion = dispersion_of(rung, rung.train);
   Remains remains = remains_of(rung, rung.data, rung.place);
   rung.rest = std::move(remains.rest);
   rung.train_poses = remains.train_poses;

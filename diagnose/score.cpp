@@ -27,6 +27,21 @@ std::vector<double> mean_squares(const Layout& layout, const Standard& standard,
 
 }  // namespace
 
+double proper_score(const Layout& layout, const Rung& rung) {
+  double proper = 0, known = 0;
+  for (const auto& block : layout.blocks) {
+    if (block.train) continue;
+    for (int i = block.offset; i < block.offset + block.size; ++i) {
+      const float s = rung.standard.spread()[i];
+      if (s <= 0) continue;
+      // Where the targets really stood is no fault of the model: rung.rest is free of it.
+      proper += static_cast<double>(rung.rest[i]) * rung.rest[i] + 2 * std::log(s);
+      known += 1;
+    }
+  }
+  return known > 0 ? proper / known : 0;
+}
+
 std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
                           const std::vector<Rung>& rungs) {
   std::vector<double> floor(parts(), 0);
@@ -70,16 +85,13 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
     }
     for (auto& [channel, value] : score.by_channel) value /= count[channel];
 
-    double proper = 0, known = 0, bias = 0, bias_count = 0, noise = 0, noise_count = 0, mask = 0, mask_count = 0;
+    double bias = 0, bias_count = 0, noise = 0, noise_count = 0, mask = 0, mask_count = 0;
     for (const auto& block : layout.blocks) {
       if (block.train) continue;
       const std::string& name = segments()[block.segment].name;
       for (int i = block.offset; i < block.offset + block.size; ++i) {
-        const float d = difference[i], s = model->spread()[i];
-        if (std::isnan(d) || s <= 0) continue;
-        // Where the targets really stood is no fault of the model: rung.rest is free of it.
-        proper += static_cast<double>(rung.rest[i]) * rung.rest[i] + 2 * std::log(s);
-        known += 1;
+        const float d = difference[i];
+        if (std::isnan(d) || model->spread()[i] <= 0) continue;
         if (name == "bias") bias += static_cast<double>(d) * d, bias_count += 1;
         if (name == "noise") noise += d, noise_count += 1;
         if (name == "drop-out") {
@@ -88,7 +100,7 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
         }
       }
     }
-    score.proper = known > 0 ? proper / known : 0;
+    score.proper = proper_score(layout, rung);
     score.bias_rms_mm = bias_count > 0 ? std::sqrt(bias / bias_count) : 0;
     score.noise_ratio = noise_count > 0 ? std::exp(0.5 * noise / noise_count) : 1;
     score.mask_difference = mask_count > 0 ? mask / mask_count : 0;

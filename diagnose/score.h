@@ -5,6 +5,10 @@
 
 namespace binrig {
 
+/// Squared residual plus logarithm of the rung's own variance, mean over what is known of the captures held out: the
+/// smaller the better, and needless variance makes it larger.
+double proper_score(const Layout& layout, const Rung& rung);
+
 /// Scores of several models on the held-out captures, all in units of `last`'s randomness, its nuisances marginalised.
 std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
                           const std::vector<Rung>& rungs);

@@ -2,9 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numeric>
 
 #include "core/error.h"
+#include "diagnose/anew.h"
+#include "diagnose/unit_map.h"
 
 namespace binrig {
 namespace {
@@ -22,7 +25,8 @@ Remainder remainder_of(const Experiment& experiment, const Rung& rung, const Sen
   std::vector<Trial> trials;
   for (int k = 0; k < options.seeds; ++k)
     trials.push_back({model, offsets, options.seed + static_cast<std::uint64_t>(k), Part::all});
-  MeanOfSimulations simulated = mean_of(rung.standard, experiment.simulate(trials, "refining hypotheses"));
+  MeanOfSimulations simulated =
+      mean_of(rung.standard, simulate_typical_units(experiment, trials, "refining hypotheses"));
   Whitened difference = rung.data;
   for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= simulated.mean[i];
   Explained train = rung.train.explain(difference, place, {}, simulated.noise);
@@ -94,6 +98,25 @@ Refined refine(const Experiment& experiment, const std::vector<SceneMotion>& mot
   return refined;
 }
 
+/// Of the hypotheses that draw a map, by index.
+std::map<int, UnitMap> unit_maps(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
+                                 const std::vector<LinearGain>& linear, const SearchOptions& options) {
+  std::map<int, UnitMap> maps;
+  std::vector<StatVector> without;
+  for (int h = 0; h < static_cast<int>(hypotheses.tested.size()); ++h) {
+    const Hypothesis& hypothesis = hypotheses.tested[h];
+    if (!hypothesis.declaration->per_unit_map) continue;
+    const auto simulate = [&](const SensorModel& model) {
+      return experiment.simulate(UnitMap::trials_of(rung, model, options.seed + 80), "simulating units");
+    };
+    if (without.empty()) without = simulate(rung.model);
+    maps.emplace(h, UnitMap(experiment, rung, without,
+                            simulate(with_effect(rung.model, experiment.forward().catalogue(), hypothesis.effect,
+                                                 linear[h].values))));
+  }
+  return maps;
+}
+
 double quantile(std::vector<double> values, double q) {
   const auto at = values.begin() + static_cast<long>(q * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), at, values.end());
@@ -104,14 +127,25 @@ double quantile(std::vector<double> values, double q) {
 
 SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                     const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-                    const SearchOptions& options) {
+                    const SignatureBook& book, const SearchOptions& options) {
   SearchResult result;
   const int count = static_cast<int>(hypotheses.tested.size());
   const Ranking ranking(experiment, rung, hypotheses, signatures);
   result.linear = ranking.gains(rung.rest);
   result.null_gains.resize(count);
+  const std::map<int, UnitMap> maps = unit_maps(experiment, rung, hypotheses, result.linear, options);
+  std::map<int, UnitMap::Gain> by_map;  // of those that look random
+  for (const auto& [h, map] : maps) {
+    if (!map.looks_random(rung.rest)) continue;
+    by_map[h] = map.gain(rung.rest, rung.rest);
+    result.linear[h].gain += by_map[h].train;
+  }
   std::vector<std::vector<LinearGain>> nulls;
-  for (const auto& null : rung.nulls) nulls.push_back(ranking.gains(rung.train.explain(null).rest));
+  for (const auto& null : rung.nulls) {
+    const Whitened rest = rung.train.explain(null).rest;
+    nulls.push_back(ranking.gains(rest));
+    for (const auto& [h, map] : maps) nulls.back()[h].gain += map.gain(rest, rest).train;
+  }
   for (int h = 0; h < count; ++h) {
     double mean = 0;
     for (const auto& null : nulls) {
@@ -150,39 +184,62 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
     if (result.linear[h].gain / rung.dispersion - result.prices[h] < own_gate[h]) continue;
     shortlist.emplace_back(0, h);
   }
-  if (rung.dispersion > options.linear_until && static_cast<int>(shortlist.size()) > options.refine)
-    for (auto& [chi, h] : shortlist)
-      chi = remainder_of(experiment, rung,
-                         with_effect(rung.model, experiment.forward().catalogue(), hypotheses.tested[h].effect,
-                                     result.linear[h].values),
-                         {}, {}, options)
-                .train;
-  std::stable_sort(shortlist.begin(), shortlist.end(), [](auto& a, auto& b) { return a.first < b.first; });
+  const bool simulated = rung.dispersion > options.linear_until && static_cast<int>(shortlist.size()) > options.refine;
+  const double nominal =
+      simulated ? remainder_of(experiment, rung, rung.model, {}, {}, options).train : 0;  // where signatures stand
+  for (auto& [gain, h] : shortlist)
+    gain = simulated ? nominal - remainder_of(experiment, rung,
+                                              with_effect(rung.model, experiment.forward().catalogue(),
+                                                          hypotheses.tested[h].effect, result.linear[h].values),
+                                              {}, {}, options)
+                                     .train
+                     : result.linear[h].gain;
+  std::stable_sort(shortlist.begin(), shortlist.end(), [](auto& a, auto& b) { return a.first > b.first; });
   shortlist.resize(std::min<std::size_t>(shortlist.size(), options.refine));
-  for (const auto& [chi, h] : shortlist) {
-    Refined refined = refine(experiment, motions, rung, measured, hypotheses.tested[h], result.linear[h], options);
+  // One that explains far less before it is fitted will not be the best when it is.
+  while (shortlist.size() > 1 && shortlist.back().first < options.hopeless * shortlist.front().first)
+    shortlist.pop_back();
+  double left = rung.dispersion;  // by the best of them
+  const auto judge = [&](Refined refined, int h) {
     refined.price = result.prices[h];
     refined.gate = own_gate[h];
     refined.p = result.p_values[h];
+    refined.random_map = !maps.count(h) || by_map.count(h);
     const Remainder with = registered_remainder(experiment, motions, rung, refined.model, options);
-    refined.train_gain = (base.train - with.train) / rung.dispersion;
-    refined.test_gain = (base.test - with.test) / rung.dispersion;
+    const UnitMap::Gain map = by_map.count(h) ? by_map.at(h) : UnitMap::Gain{};
+    refined.train_gain = (base.train - with.train + map.train) / rung.dispersion;
+    refined.test_gain = (base.test - with.test + map.test) / rung.dispersion;
     refined.change = with.mean;
     for (std::size_t i = 0; i < refined.change.size(); ++i) refined.change[i] -= base.mean[i];
     compress(refined.change);
+    left = std::min(left, rung.dispersion * with.train / base.train);
     result.refined.push_back(std::move(refined));
-  }
+  };
+  for (const auto& [gain, h] : shortlist)
+    judge(refine(experiment, motions, rung, measured, hypotheses.tested[h], result.linear[h], options), h);
+  if (left > options.astray)
+    for (Anew& anew : look_anew(experiment, motions, measured, book.model(), hypotheses, signatures, book.simulations(),
+                                options.anew, options.seed + 60)) {
+      Refined refined;
+      refined.effect = hypotheses.tested[anew.hypothesis].effect;
+      refined.id = anew.id;
+      refined.linear_gain = result.linear[anew.hypothesis].gain;
+      refined.model = anew.fit.model;
+      refined.fit = std::move(anew.fit);
+      judge(std::move(refined), anew.hypothesis);
+    }
   std::sort(result.refined.begin(), result.refined.end(),
             [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
   return result;
 }
 
-const Refined* SearchResult::accepted(const SearchOptions& options) const {
+std::vector<const Refined*> SearchResult::accepted(const SearchOptions& options) const {
+  std::vector<const Refined*> result;
   for (const auto& candidate : refined)
     if (candidate.test_gain > options.least_test_gain &&
         candidate.train_gain - candidate.price > std::max(candidate.gate, options.least_train_gain))
-      return &candidate;
-  return nullptr;
+      result.push_back(&candidate);
+  return result;
 }
 
 Separation separation(const Rung& rung, const Refined& a, const Refined& b) {

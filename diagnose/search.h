@@ -17,16 +17,20 @@ struct Refined {
   double gate = 0;                       ///< what gain less price has to exceed
   double train_gain = 0, test_gain = 0;  ///< of chi, by simulation, dispersion divided out
   PValue p;
-  Whitened change;  ///< what it moves, all captures
+  bool random_map = true;  ///< false: it draws a map of the unit, but what is fixed in the image looks like none
+  Whitened change;         ///< what it moves, all captures
   double score() const { return train_gain - price + test_gain; }
 };
 
 struct SearchOptions {
   int shortlist = 12;         ///< so many with the largest linear gain are simulated as they are,
   double linear_until = 1.3;  ///< where the rung's dispersion is larger than this
-  int refine = 4;             ///< so many are fitted
+  int refine = 4;             ///< so many are fitted,
+  double hopeless = 0.1;      ///< unless they explain less than this share of what the best does
   int seeds = 2;
   std::uint64_t seed = 501;
+  double astray = 3;           ///< dispersion beyond which, if nobody explains it, hypotheses are fitted anew
+  int anew = 2;                ///< so many
   double least_test_gain = 9;  ///< three standard deviations of an effect that is known
   double least_train_gain = 16;
 };
@@ -38,16 +42,16 @@ struct SearchResult {
   std::vector<std::vector<double>> null_gains;  ///< by hypothesis
   double gate = 0;                              ///< gain less price beyond which hypotheses are no children of chance
   std::vector<Refined> refined;                 ///< best first
-  /// The best one if it is significant on train and confirmed on test.
-  const Refined* accepted(const SearchOptions& options) const;
+  /// Those that are significant on train and confirmed on test, best first.
+  std::vector<const Refined*> accepted(const SearchOptions& options) const;
 };
 
 /// Gains are of chi (whitened, dimensionless), those of refined hypotheses with the rung's dispersion divided out.
 /// `motions`: of scene_motions for this experiment; targets are put where each hypothesis wants them. `signatures`: of
-/// `hypotheses`, by their indices. Throws what simulating throws.
+/// `hypotheses`, by their indices, from `book`. Throws what simulating throws.
 SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                     const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-                    const SearchOptions& options);
+                    const SignatureBook& book, const SearchOptions& options);
 
 /// How far two refined hypotheses can be told apart on these captures: squared distance of what they move, and the
 /// cosine of the angle between, both with nuisances marginalised.

@@ -2,10 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <tuple>
 
+#include <fmt/format.h>
 #include <Eigen/Cholesky>
 
 #include "core/parallel.h"
+#include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
@@ -92,58 +96,64 @@ SensorModel signature_model(const SensorModel& given, const SensorModel& fitted,
   return model;
 }
 
-std::vector<Signature> make_signatures(const Experiment& experiment, const SensorModel& model,
-                                       const Hypotheses& hypotheses, const SignatureOptions& options) {
-  const EffectCatalogue& catalogue = experiment.forward().catalogue();
-  std::vector<Place> places;
-  for (int h = 0; h < static_cast<int>(hypotheses.tested.size()); ++h)
-    for (int p = 0; p < static_cast<int>(hypotheses.tested[h].paths.size()); ++p)
-      for (int a = 0; a < static_cast<int>(hypotheses.tested[h].paths[p].atoms.size()); ++a)
-        places.push_back({h, p, a});
-
-  // Series from power-on are only run in full for effects that live on time.
-  std::vector<std::vector<StatVector>> without(2);
-  const auto trial = [&](const SensorModel& m, int seed, bool series) {
-    Trial t{m, {}, options.seed + static_cast<std::uint64_t>(seed), Part::train, options.most_frames};
-    t.shorten_series = !series;
-    return t;
-  };
-  for (int series = 0; series < 2; ++series) {
+SignatureBook::SignatureBook(const Experiment& experiment, SensorModel model, const Hypotheses& hypotheses,
+                             const SignatureOptions& options)
+    : experiment_(experiment), model_(std::move(model)), hypotheses_(hypotheses), options_(options) {
+  constexpr int for_spread = 6;
+  for (const bool series : {false, true}) {
     std::vector<Trial> trials;
-    for (int s = 0; s < options.seeds; ++s) trials.push_back(trial(model, s, series == 1));
-    without[series] = experiment.simulate(trials, "simulating what effects would change", true);
+    for (int s = 0; s < (series ? for_spread : options.seeds); ++s) trials.push_back(trial(model_, s, series));
+    without_[series] = experiment.simulate(trials, "simulating what effects would change", true);
   }
-  const Standard standard(experiment.layout(), StatVector(experiment.layout().size, 0.f),
-                          experiment.simulate(
-                              [&] {
-                                std::vector<Trial> trials;
-                                for (int s = 0; s < 6; ++s) trials.push_back(trial(model, s, true));
-                                return trials;
-                              }(),
-                              "", true));
+  spread_ = Standard(experiment.layout(), StatVector(experiment.layout().size, 0.f), without_[true]).spread();
+}
 
-  std::vector<Signature> result(places.size());
+Trial SignatureBook::trial(const SensorModel& model, int seed, bool series) const {
+  Trial t{model, {}, options_.seed + static_cast<std::uint64_t>(seed), Part::train, options_.most_frames};
+  t.shorten_series = !series;
+  return t;
+}
+
+void SignatureBook::look_at(const std::vector<int>& hypotheses, bool detail) {
+  const EffectCatalogue& catalogue = experiment_.forward().catalogue();
+  std::vector<Place> places;
+  for (int h : hypotheses)
+    for (int p = 0; p < static_cast<int>(hypotheses_.tested[h].paths.size()); ++p)
+      for (int a = 0; a < static_cast<int>(hypotheses_.tested[h].paths[p].atoms.size()); ++a)
+        if (hypotheses_.tested[h].paths[p].detail == detail) places.push_back({h, p, a});
+
+  if (tracing()) {
+    std::map<std::string, int> atoms;
+    for (const Place& place : places) ++atoms[hypotheses_.tested[place.hypothesis].effect];
+    fmt::print(stderr, "signatures, {}:", detail ? "details" : "first");
+    for (const auto& [effect, count] : atoms) fmt::print(stderr, " {} {}", effect, count);
+    fmt::print(stderr, "\n");
+  }
+  std::vector<Signature> found(places.size());
   constexpr int batch = 24;
   for (int first = 0; first < static_cast<int>(places.size()); first += batch) {
     const int last = std::min<int>(first + batch, static_cast<int>(places.size()));
     std::vector<Trial> trials;
-    std::vector<bool> series;
+    std::vector<bool> series;  // only run in full for effects that live on time
     for (int i = first; i < last; ++i) {
-      const Hypothesis& hypothesis = hypotheses.tested[places[i].hypothesis];
+      const Hypothesis& hypothesis = hypotheses_.tested[places[i].hypothesis];
       const Needs& needs = hypothesis.declaration->needs;
       series.push_back(needs.power_on || needs.motion || needs.repeats);
-      const SensorModel extended = with_effect(model, catalogue, hypothesis.effect,
+      const SensorModel extended = with_effect(model_, catalogue, hypothesis.effect,
                                                hypothesis.paths[places[i].path].atoms[places[i].atom].values);
-      for (int s = 0; s < options.seeds; ++s) trials.push_back(trial(extended, s, series.back()));
+      for (int s = 0; s < options_.seeds; ++s) trials.push_back(trial(extended, s, series.back()));
     }
-    const auto with = experiment.simulate(trials, "simulating what effects would change", true);
+    const auto with = experiment_.simulate(trials, "simulating what effects would change", true);
     parallel_for(last - first, [&](int i) {
-      const std::vector<StatVector> own(with.begin() + i * options.seeds, with.begin() + (i + 1) * options.seeds);
-      result[first + i] = {places[first + i].hypothesis, places[first + i].path, places[first + i].atom,
-                           shrunk_change(experiment.layout(), standard.spread(), own, without[series[i] ? 1 : 0])};
+      const std::vector<StatVector> own(with.begin() + i * options_.seeds, with.begin() + (i + 1) * options_.seeds);
+      found[first + i] = {places[first + i].hypothesis, places[first + i].path, places[first + i].atom,
+                          shrunk_change(experiment_.layout(), spread_, own, without_[series[i]])};
     });
   }
-  return result;
+  signatures_.insert(signatures_.end(), std::make_move_iterator(found.begin()), std::make_move_iterator(found.end()));
+  std::sort(signatures_.begin(), signatures_.end(), [](const Signature& a, const Signature& b) {
+    return std::tie(a.hypothesis, a.path, a.atom) < std::tie(b.hypothesis, b.path, b.atom);
+  });
 }
 
 Ranking::Ranking(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,

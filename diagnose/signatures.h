@@ -26,9 +26,32 @@ struct SignatureOptions {
 /// other parameters, so that all recordings of a scene share their signatures.
 SensorModel signature_model(const SensorModel& given, const SensorModel& fitted, const EffectCatalogue& catalogue);
 
-/// Targets stand where they nominally do.
-std::vector<Signature> make_signatures(const Experiment& experiment, const SensorModel& model,
-                                       const Hypotheses& hypotheses, const SignatureOptions& options);
+/// Signatures of some hypotheses about one model, simulated when they are asked for. Targets stand where they nominally
+/// do. All arguments of the constructor must outlive it.
+class SignatureBook {
+ public:
+  SignatureBook(const Experiment& experiment, SensorModel model, const Hypotheses& hypotheses,
+                const SignatureOptions& options);
+  /// Adds the signatures of a hypothesis' paths that are `detail`, or of those that are not. Throws what simulating
+  /// throws.
+  void look_at(const std::vector<int>& hypotheses, bool detail);
+  /// By hypothesis, path and atom.
+  const std::vector<Signature>& signatures() const { return signatures_; }
+  const SensorModel& model() const { return model_; }
+  /// A few short recordings of the model itself (train; of Measurement::at(options.most_frames, false)).
+  const std::vector<StatVector>& simulations() const { return without_[true]; }
+
+ private:
+  Trial trial(const SensorModel& model, int seed, bool series) const;
+
+  const Experiment& experiment_;
+  const SensorModel model_;
+  const Hypotheses& hypotheses_;
+  const SignatureOptions options_;
+  std::vector<StatVector> without_[2];  // series from power-on cut short, in full
+  std::vector<float> spread_;
+  std::vector<Signature> signatures_;
+};
 
 /// How well one hypothesis explains a residual, in the linear view of its signatures.
 struct LinearGain {

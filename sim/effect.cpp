@@ -106,6 +106,17 @@ OptionSpec disturbance_weight() {
   return {"weight", "how the disturbance is interpolated between lattice points", "cubic", {"cubic", "quintic"}};
 }
 
+bool any_between(const Layers& layers, const cv::Mat& value, float low, float high) {
+  for (int row = 0; row < value.rows; ++row) {
+    const float* v = value.ptr<float>(row);
+    const std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
+    int found = 0;
+    for (int col = 0; col < value.cols; ++col) found |= (v[col] >= low) & (v[col] <= high) & (reason[col] == 0);
+    if (found) return true;
+  }
+  return false;
+}
+
 DisturbanceField disturbance_field(const EffectInstance& instance, const CaptureContext& context) {
   const auto weight = instance.options.find("weight");
   const bool quintic = weight != instance.options.end() && weight->second == "quintic";

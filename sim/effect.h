@@ -138,6 +138,9 @@ void invalidate_where(Layers& layers, Reason why, const PredicateOfRow& predicat
   });
 }
 
+/// Is there a pixel, still valid, whose value (CV_32F) lies in low .. high?
+bool any_between(const Layers& layers, const cv::Mat& value, float low, float high);
+
 /// sigma_scale = sigma_scale * factor(col), in every pixel.
 template <class FactorOfRow>
 void scale_sigma(Layers& layers, const FactorOfRow& factor_of_row) {

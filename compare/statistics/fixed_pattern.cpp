@@ -1,17 +1,22 @@
-// Fixed pattern: what stays through a capture and is finer than the bias map's bins: power of the high-passed mean
-// residual in rings, and the strongest line of its column and row means by band of frequency. Planes only.
+// Fixed pattern: what stays through a capture, by power: of the high-passed mean residual in rings, of the strongest
+// line of its column and row means by band of frequency, and, for slow patterns, how cells near and far go together. A
+// map that differs from unit to unit shows here and in no mean. Planes only.
 #include <cmath>
 #include <complex>
 
+#include <Eigen/Cholesky>
 #include <opencv2/imgproc.hpp>
 
 #include "compare/statistic.h"
+#include "compare/statistics/grid.h"
 #include "core/spectrum.h"
 
 namespace binrig {
 namespace {
 
-constexpr int rings = 12, line_bands = 16, value_count = rings + 2 * line_bands;
+constexpr int rings = 12, line_bands = 16;
+constexpr int lags = 4;  // 0, 1/16, 1/8, 1/4 of the image's width
+constexpr int first_lag = rings + 2 * line_bands, value_count = first_lag + lags;
 constexpr int high_pass_px = 41;
 constexpr double lowest = 1.0 / 80;  // cycles/px; slower ones are the bias map's
 
@@ -24,7 +29,7 @@ int band_of(double frequency, int bands) {
 /// they are. A capture of one frame has its plain power.
 class FixedPattern : public Statistic {
  public:
-  explicit FixedPattern(const StatisticContext& context) {
+  explicit FixedPattern(const StatisticContext& context) : grid_(context, context.cell_px()) {
     for (Half& half : halves_) {
       half.sum = cv::Mat::zeros(context.camera.height, context.camera.width, CV_32F);
       half.count = half.sum.clone();
@@ -80,6 +85,7 @@ class FixedPattern : public Statistic {
       }
     lines(first, second, mask, raw, rings);
     lines(first.t(), second.t(), mask.t(), raw, rings + line_bands);
+    slow(a, b, mask, raw);
     return raw;
   }
 
@@ -88,6 +94,57 @@ class FixedPattern : public Statistic {
     cv::Mat sum, count;
     int frames = 0;
   };
+
+  /// Cells of the two halves without what a plane's pose and the lens can do (a polynomial of second order), and how
+  /// cells go together that lie apart by a lag along rows or columns, mm^2.
+  void slow(const Half& a, const Half& b, const cv::Mat& mask, RawStatistic& raw) const {
+    std::vector<double> sums[2], counts[2];
+    for (int h = 0; h < 2; ++h) {
+      sums[h].resize(grid_.size());
+      counts[h].resize(grid_.size());
+      const Half& half = h == 0 ? a : b;
+      grid_.add(half.sum, mask, sums[h]);
+      grid_.add(half.count, mask, counts[h]);
+    }
+    const int rows = grid_.rows(), cols = grid_.cols();
+    const auto known = [&](int cell) { return counts[0][cell] > 0 && counts[1][cell] > 0; };
+    const auto terms = [&](int cell) {
+      const double x = 2.0 * (cell % cols) / cols - 1, y = 2.0 * (cell / cols) / rows - 1;
+      return Eigen::Matrix<double, 6, 1>{1, x, y, x * x, x * y, y * y};
+    };
+    std::vector<double> rest[2];
+    for (int h = 0; h < 2; ++h) {
+      Eigen::Matrix<double, 6, 6> normal = 1e-9 * Eigen::Matrix<double, 6, 6>::Identity();
+      Eigen::Matrix<double, 6, 1> right = Eigen::Matrix<double, 6, 1>::Zero();
+      for (int i = 0; i < grid_.size(); ++i) {
+        if (!known(i)) continue;
+        const auto t = terms(i);
+        normal += t * t.transpose();
+        right += t * (sums[h][i] / counts[h][i]);
+      }
+      const Eigen::Matrix<double, 6, 1> c = normal.ldlt().solve(right);
+      rest[h].resize(grid_.size(), 0);
+      for (int i = 0; i < grid_.size(); ++i)
+        if (known(i)) rest[h][i] = sums[h][i] / counts[h][i] - terms(i).dot(c);
+    }
+    for (int k = 0; k < lags; ++k) {
+      const int lag = k == 0 ? 0 : std::max(k, cols >> (5 - k));
+      double sum = 0, count = 0;
+      for (int r = 0; r < rows; ++r)
+        for (int q = 0; q < cols; ++q) {
+          const int i = r * cols + q;
+          if (!known(i)) continue;
+          for (const int j : {q + lag < cols ? i + lag : -1, r + lag < rows ? i + lag * cols : -1}) {
+            if (j < 0 || !known(j)) continue;
+            sum += rest[0][i] * rest[1][j] + rest[1][i] * rest[0][j];
+            count += 2;
+          }
+        }
+      if (count < 100) continue;
+      raw.value[first_lag + k] = static_cast<float>(sum / count);
+      raw.weight[first_lag + k] = static_cast<float>(count);
+    }
+  }
 
   static cv::Mat high_passed(const Half& half, const cv::Mat& mask) {
     cv::Mat map = cv::Mat::zeros(mask.size(), CV_32F), smooth, share;
@@ -128,6 +185,7 @@ class FixedPattern : public Statistic {
     }
   }
 
+  Grid grid_;
   Half halves_[2];
 };
 
@@ -137,14 +195,17 @@ SegmentDeclaration fixed_pattern_segment() {
   SegmentDeclaration s;
   s.name = "fixed pattern";
   s.group = "bias";
-  s.unit = "asinh of a power, in (0.02 mm)^2 (rings) or (0.002 mm)^2 (lines)";
-  s.meaning = "power of what stays through a capture, in rings of frequency and in lines along columns and rows";
+  s.unit = "asinh of a power, in (0.02 mm)^2 (rings, cells) or (0.002 mm)^2 (lines)";
+  s.meaning =
+      "power of what stays through a capture: in rings of frequency, in lines along columns and rows, and of cells "
+      "near "
+      "and far";
   s.planes_only = true;
   s.floor = 0.1;
   s.begin = [](const StatisticContext& context) -> std::unique_ptr<Statistic> {
     return std::make_unique<FixedPattern>(context);
   };
-  s.stabilise = [](float raw, int i, int) { return std::asinh(raw / (i < rings ? 4e-4f : 4e-6f)); };
+  s.stabilise = [](float raw, int i, int) { return std::asinh(raw / (i < rings || i >= first_lag ? 4e-4f : 4e-6f)); };
   return s;
 }
 

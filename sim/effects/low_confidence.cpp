@@ -11,6 +11,7 @@
 namespace binrig::effects {
 namespace {
 
+constexpr float pi = std::numbers::pi_v<float>;
 constexpr double rad_per_deg = std::numbers::pi / 180;
 
 class LowConfidence : public Run {
@@ -23,6 +24,15 @@ class LowConfidence : public Run {
         disturbance_rad_(static_cast<float>(instance.value("disturbance") * rad_per_deg)) {}
 
   void apply(Layers& layers, const Channels& channels, const FrameInstant& instant) override {
+    const float furthest = static_cast<float>(disturbance_rad_ * field_.bound());
+    if (const float t = std::acos(cosine_);
+        !any_between(layers, channels.cos_incidence, std::cos(std::min(t + furthest, pi)),
+                     std::cos(std::max(t - furthest, 0.f)))) {  // no surface so near to the threshold
+      invalidate_where(layers, Reason::low_confidence, [&](int row) {
+        return [cos_theta = channels.cos_incidence.ptr<float>(row), c = cosine_](int col) { return cos_theta[col] < c; };
+      });
+      return;
+    }
     const cv::Mat& field = field_.at(context_.draws(instant.number));
     invalidate_where(layers, Reason::low_confidence, [&](int row) {
       const float* cos_theta = channels.cos_incidence.ptr<float>(row);

@@ -17,6 +17,13 @@ class Saturation : public Run {
         disturbance_(static_cast<float>(instance.value("disturbance"))) {}
 
   void apply(Layers& layers, const Channels& channels, const FrameInstant& instant) override {
+    const float furthest = static_cast<float>(disturbance_ * field_.bound());
+    if (!any_between(layers, channels.specular, threshold_ - furthest, threshold_ + furthest)) {
+      invalidate_where(layers, Reason::saturated, [&](int row) {  // no highlight so near to the threshold
+        return [specular = channels.specular.ptr<float>(row), t = threshold_](int col) { return specular[col] > t; };
+      });
+      return;
+    }
     const cv::Mat& field = field_.at(context_.draws(instant.number));
     invalidate_where(layers, Reason::saturated, [&](int row) {
       const float* specular = channels.specular.ptr<float>(row);

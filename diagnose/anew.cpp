@@ -1,0 +1,78 @@
+#include "diagnose/anew.h"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "core/parallel.h"
+#include "diagnose/trace.h"
+
+namespace binrig {
+
+std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions,
+                            const Measurement& measured, const SensorModel& given, const Hypotheses& hypotheses,
+                            const std::vector<Signature>& signatures, const std::vector<StatVector>& simulations,
+                            int most, std::uint64_t seed) {
+  constexpr int frames = 3;
+  const Layout& layout = experiment.layout();
+  const EffectCatalogue& catalogue = experiment.forward().catalogue();
+  const StatVector& few = measured.at(frames, false);
+  const Standard standard(layout, few, simulations);
+  const Whitened data = standard.linear(few);
+  auto rows = motion_rows(layout, standard, motions);
+  const Metric metric(layout, Part::train, rows);
+
+  FitOptions derivatives;
+  derivatives.iterations = 0;
+  derivatives.most_frames = frames;
+  derivatives.seed = seed;
+  const Fit own =
+      fit_model(experiment, standard, metric, data, given, fit_parameters(given, catalogue), {}, derivatives);
+  for (std::size_t p = 0; p < own.parameters.size(); ++p) {
+    rows.push_back({own.slopes[p], -1});
+    for (float& v : rows.back().change) v *= static_cast<float>(own.parameters[p].prior_sigma);
+  }
+  const Metric free(layout, Part::train, rows);
+
+  std::vector<double> chi(signatures.size());
+  parallel_for(static_cast<int>(signatures.size()), [&](int s) {
+    Whitened rest = standard.difference(signatures[s].change);
+    for (std::size_t i = 0; i < rest.size(); ++i) rest[i] = data[i] - rest[i];
+    chi[s] = free.explain(rest).chi;
+  });
+  std::map<int, std::size_t> best;  // signature by hypothesis
+  for (std::size_t s = 0; s < signatures.size(); ++s) {
+    const auto [at, fresh] = best.try_emplace(signatures[s].hypothesis, s);
+    if (!fresh && chi[s] < chi[at->second]) at->second = s;
+  }
+  std::vector<std::size_t> order;
+  for (const auto& [h, s] : best) order.push_back(s);
+  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return chi[a] < chi[b]; });
+
+  std::vector<Anew> result;
+  for (std::size_t s : order) {
+    const Hypothesis& hypothesis = hypotheses.tested[signatures[s].hypothesis];
+    if (tracing()) fmt::print(stderr, "  anew: {} chi {:.0f}\n", hypothesis.effect, chi[s]);
+    if (static_cast<int>(result.size()) >= most) break;
+    SensorModel model = given;
+    Anew anew;
+    anew.hypothesis = signatures[s].hypothesis;
+    anew.id = add_effect(model, catalogue, hypothesis.effect,
+                         hypothesis.paths[signatures[s].path].atoms[signatures[s].atom].values)
+                  .id;
+    FitOptions options;
+    options.most_frames = frames;
+    options.iterations = 4;
+    options.converged = 20;
+    options.seed = seed;
+    options.scan_ids = {anew.id};
+    options.scan_ranges_of = anew.id;
+    options.place.assign(motions.size(), 0);
+    options.motions = &motions;
+    anew.fit = fit_model(experiment, standard, metric, data, model, fit_parameters(model, catalogue), {}, options);
+    result.push_back(std::move(anew));
+  }
+  return result;
+}
+
+}  // namespace binrig

@@ -1,0 +1,28 @@
+// A second look from the model as it was given. What is missing may have bent the model's own parameters so far that
+// under the fitted model nothing helps; under the given one the missing effect may stand out.
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "diagnose/signatures.h"
+
+namespace binrig {
+
+/// A model with one effect added, all its parameters fitted anew from where they were given.
+struct Anew {
+  int hypothesis = 0;
+  std::string id;  ///< of the added instance
+  Fit fit;
+};
+
+/// The `most` hypotheses whose signatures, simulated about `given` with targets at their nominal places, come nearest
+/// to the measurement on train (poses, lens and the given model's parameters free in the linear view), each fitted.
+/// `simulations`: of `given`, short; `signatures`: about it. Throws what simulating throws.
+std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions,
+                            const Measurement& measured, const SensorModel& given, const Hypotheses& hypotheses,
+                            const std::vector<Signature>& signatures, const std::vector<StatVector>& simulations,
+                            int most, std::uint64_t seed);
+
+}  // namespace binrig
