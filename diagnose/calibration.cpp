@@ -78,7 +78,8 @@ class Calibrator {
   }
 
   Calibration run() {
-    constexpr int rounds = 3;
+    constexpr int most_rounds = 3;
+    constexpr double wrong = 4;  // times its own randomness: a model so far off is not worth the last digit
     Calibration result;
     result.rung = fit_rung(experiment_, motions_, measured_, start_, {}, rung_options_);
     first_ = result.rung.fit.parameters;
@@ -86,7 +87,7 @@ class Calibrator {
       last_ = last_step(experiment_, motions_, result.rung, first_, series_, rung_options_.seed);
       model_ = last_.model;
       result.converged = last_.furthest < near_enough;
-      if (result.converged || round + 1 == rounds) break;
+      if (result.converged || round + 1 == (result.rung.dispersion > wrong ? 2 : most_rounds)) break;
       RungOptions again = rung_options_;
       again.passes = 0;
       result.rung = fit_rung(experiment_, motions_, measured_, model_, result.rung.offsets, again);
