@@ -102,8 +102,8 @@ void CoherentNoise::add(const Lattice& lattice, const RandomStream& stream, cv::
 }
 
 double CoherentNoise::bound() const {
-  // A node with a unit gradient gives at most its distance d; the weighted mean of d is at most the root of that of d^2,
-  // which is largest in the middle of the cell: 1/2.
+  // A node with a unit gradient gives at most its distance d; the weighted mean of d is at most the root of that of
+  // d^2, which is largest in the middle of the cell: 1/2.
   double sum = 0;
   for (const Lattice& lattice : lattices_) sum += lattice.scale * std::sqrt(0.5);
   return sum;
@@ -119,9 +119,7 @@ DisturbanceField::DisturbanceField(int rows, int cols, double grid_px, double ch
                                    const RandomStream& capture_draws)
     : noise_(rows, cols, grid_px, weight), changing_(changing), capture_draws_(capture_draws) {}
 
-double DisturbanceField::bound() const {
-  return noise_.bound() * (std::sqrt(1 - changing_) + std::sqrt(changing_));
-}
+double DisturbanceField::bound() const { return noise_.bound() * (std::sqrt(1 - changing_) + std::sqrt(changing_)); }
 
 const cv::Mat& DisturbanceField::at(const RandomStream& frame_draws) {
   if (fixed_.empty()) noise_.draw(capture_draws_.child("disturbance"), fixed_);

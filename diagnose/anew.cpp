@@ -12,7 +12,7 @@ namespace binrig {
 std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions,
                             const Measurement& measured, const SensorModel& given, const Hypotheses& hypotheses,
                             const std::vector<Signature>& signatures, const std::vector<StatVector>& simulations,
-                            int most, std::uint64_t seed) {
+                            int known, int most, std::uint64_t seed) {
   constexpr int frames = 3;
   const Layout& layout = experiment.layout();
   const EffectCatalogue& catalogue = experiment.forward().catalogue();
@@ -50,6 +50,7 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
   std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return chi[a] < chi[b]; });
 
   std::vector<Anew> result;
+  if (!order.empty() && signatures[order[0]].hypothesis == known) return result;
   for (std::size_t s : order) {
     const Hypothesis& hypothesis = hypotheses.tested[signatures[s].hypothesis];
     if (tracing()) fmt::print(stderr, "  anew: {} chi {:.0f}\n", hypothesis.effect, chi[s]);

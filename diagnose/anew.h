@@ -19,10 +19,11 @@ struct Anew {
 
 /// The `most` hypotheses whose signatures, simulated about `given` with targets at their nominal places, come nearest
 /// to the measurement on train (poses, lens and the given model's parameters free in the linear view), each fitted.
-/// `simulations`: of `given`, short; `signatures`: about it. Throws what simulating throws.
+/// None if the nearest is `known`, which the fitted model names, too (-1: there is none). `simulations`: of `given`,
+/// short; `signatures`: about it. Throws what simulating throws.
 std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions,
                             const Measurement& measured, const SensorModel& given, const Hypotheses& hypotheses,
                             const std::vector<Signature>& signatures, const std::vector<StatVector>& simulations,
-                            int most, std::uint64_t seed);
+                            int known, int most, std::uint64_t seed);
 
 }  // namespace binrig

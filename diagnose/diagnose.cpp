@@ -143,13 +143,15 @@ class Climb {
     const Refined* best = worthy[0];
     Rung next = with_added(rung, *best);
     double proper = proper_score(layout, next);
-    if (next.dispersion > far_from_done && worthy.size() > 1 && worthy[1]->score() > 0.5 * best->score()) {
-      Rung other = with_added(rung, *worthy[1]);
+    const auto runner_up = std::find_if(worthy.begin(), worthy.end(),
+                                        [&](const Refined* other) { return other->effect != worthy[0]->effect; });
+    if (next.dispersion > far_from_done && runner_up != worthy.end() && (*runner_up)->score() > 0.5 * best->score()) {
+      Rung other = with_added(rung, **runner_up);
       const double its = proper_score(layout, other);
       if (tracing())
         fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", best->effect, next.dispersion,
-                   proper, worthy[1]->effect, other.dispersion, its);
-      if (its < proper) best = worthy[1], next = std::move(other), proper = its;
+                   proper, (*runner_up)->effect, other.dispersion, its);
+      if (its < proper) best = *runner_up, next = std::move(other), proper = its;
     }
 
     CandidateReport report = report_of(*best, static_cast<int>(rung.nulls.size()));
@@ -157,7 +159,8 @@ class Climb {
     for (const auto& hypothesis : all_.tested)
       if (hypothesis.effect == best->effect) accepted.map = hypothesis.declaration->per_unit_map;
     for (const auto& rival : found.refined)
-      if (&rival != best && rival.test_gain > search_options_.least_test_gain && confounded(rung, *best, rival))
+      if (rival.effect != best->effect && rival.test_gain > search_options_.least_test_gain &&
+          confounded(rung, *best, rival))
         accepted.rivals.push_back(rival.effect);
     report.confounded_with = accepted.rivals;
 

@@ -70,8 +70,9 @@ struct Fit {
 };
 
 /// Simulations of a unit whose fixed depth map is 0: what other units have there is as likely to be its negative, and a
-/// mean over a few units would compare their maps with that of the one measured. Only the bias maps differ from those of
-/// Experiment::simulate, and only for models with effects that draw such a map. `as_they_are`, if given: the latter's.
+/// mean over a few units would compare their maps with that of the one measured. Only the bias maps differ from those
+/// of Experiment::simulate, and only for models with effects that draw such a map. `as_they_are`, if given: the
+/// latter's.
 std::vector<StatVector> simulate_typical_units(const Experiment& experiment, const std::vector<Trial>& trials,
                                                const std::string& progress,
                                                std::vector<StatVector>* as_they_are = nullptr);

@@ -110,7 +110,7 @@ std::map<int, UnitMap> unit_maps(const Experiment& experiment, const Rung& rung,
       return experiment.simulate(UnitMap::trials_of(rung, model, options.seed + 80), "simulating units");
     };
     if (without.empty()) without = simulate(rung.model);
-    maps.emplace(h, UnitMap(experiment, rung, without,
+    maps.emplace(h, UnitMap(experiment.layout(), rung, without,
                             simulate(with_effect(rung.model, experiment.forward().catalogue(), hypothesis.effect,
                                                  linear[h].values))));
   }
@@ -196,9 +196,6 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
                      : result.linear[h].gain;
   std::stable_sort(shortlist.begin(), shortlist.end(), [](auto& a, auto& b) { return a.first > b.first; });
   shortlist.resize(std::min<std::size_t>(shortlist.size(), options.refine));
-  // One that explains far less before it is fitted will not be the best when it is.
-  while (shortlist.size() > 1 && shortlist.back().first < options.hopeless * shortlist.front().first)
-    shortlist.pop_back();
   double left = rung.dispersion;  // by the best of them
   const auto judge = [&](Refined refined, int h) {
     refined.price = result.prices[h];
@@ -215,11 +212,25 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
     left = std::min(left, rung.dispersion * with.train / base.train);
     result.refined.push_back(std::move(refined));
   };
-  for (const auto& [gain, h] : shortlist)
+  std::vector<int> refined_of;  // hypothesis, by refined
+  double most_explained = 0;
+  for (const auto& [gain, h] : shortlist) {
+    // One that explains far less before it is fitted will not be the best when it is.
+    const auto& parameters = hypotheses.tested[h].declaration->parameters;
+    const bool to_be_scanned =
+        std::any_of(parameters.begin(), parameters.end(), [](const ParameterSpec& spec) { return !spec.interpolate; });
+    if (gain < (to_be_scanned ? 0.5 : 1) * options.hopeless * most_explained) continue;
     judge(refine(experiment, motions, rung, measured, hypotheses.tested[h], result.linear[h], options), h);
-  if (left > options.astray)
+    refined_of.push_back(h);
+    most_explained = std::max(most_explained, result.refined.back().train_gain * rung.dispersion);
+  }
+  if (left > options.astray) {
+    int best = -1;
+    double highest = 0;
+    for (std::size_t k = 0; k < result.refined.size(); ++k)
+      if (result.refined[k].score() > highest) highest = result.refined[k].score(), best = refined_of[k];
     for (Anew& anew : look_anew(experiment, motions, measured, book.model(), hypotheses, signatures, book.simulations(),
-                                options.anew, options.seed + 60)) {
+                                best, options.anew, options.seed + 60)) {
       Refined refined;
       refined.effect = hypotheses.tested[anew.hypothesis].effect;
       refined.id = anew.id;
@@ -228,6 +239,7 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
       refined.fit = std::move(anew.fit);
       judge(std::move(refined), anew.hypothesis);
     }
+  }
   std::sort(result.refined.begin(), result.refined.end(),
             [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
   return result;

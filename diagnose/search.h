@@ -26,7 +26,8 @@ struct SearchOptions {
   int shortlist = 12;         ///< so many with the largest linear gain are simulated as they are,
   double linear_until = 1.3;  ///< where the rung's dispersion is larger than this
   int refine = 4;             ///< so many are fitted,
-  double hopeless = 0.1;      ///< unless they explain less than this share of what the best does
+  double hopeless = 0.3;  ///< unless they explain less than this share (half of it if they have periods or places) of
+                          ///< what the best does
   int seeds = 2;
   std::uint64_t seed = 501;
   double astray = 3;           ///< dispersion beyond which, if nobody explains it, hypotheses are fitted anew

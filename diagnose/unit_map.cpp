@@ -27,10 +27,9 @@ std::vector<Trial> UnitMap::trials_of(const Rung& rung, const SensorModel& model
   return trials;
 }
 
-UnitMap::UnitMap(const Experiment& experiment, const Rung& rung, const std::vector<StatVector>& without,
+UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatVector>& without,
                  const std::vector<StatVector>& with)
     : spread_(rung.standard.spread()) {
-  const Layout& layout = experiment.layout();
   std::vector<Whitened> change;
   for (std::size_t k = 0; k < with.size(); ++k) {
     StatVector difference(layout.size);

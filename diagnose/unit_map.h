@@ -10,10 +10,10 @@ namespace binrig {
 
 /// What an unknown map, common to all captures, explains of a residual.
 ///
-/// Model: residual of cell i in capture c = l_c m_i + noise, m_i ~ N(0, a^2) independently. The loadings l_c are learned
-/// from simulated units (leading eigenvector of the captures' second moments), the noise from the rung's nulls, the
-/// strength a from train (empirical Bayes). A map that is smooth explains more than independent cells know of: the gain
-/// is a lower bound.
+/// Model: residual of cell i in capture c = l_c m_i + noise, m_i ~ N(0, a^2) independently. The loadings l_c are
+/// learned from simulated units (leading eigenvector of the captures' second moments), the noise from the rung's nulls,
+/// the strength a from train (empirical Bayes). A map that is smooth explains more than independent cells know of: the
+/// gain is a lower bound.
 class UnitMap {
  public:
   struct Gain {
@@ -22,7 +22,7 @@ class UnitMap {
   };
 
   /// `without`: simulations of the rung's model (trials_of with it); `with`: of the model with the effect, same trials.
-  UnitMap(const Experiment& experiment, const Rung& rung, const std::vector<StatVector>& without,
+  UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatVector>& without,
           const std::vector<StatVector>& with);
   /// Simulations to give to the constructor: a few units, all captures, targets where the rung has them.
   static std::vector<Trial> trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed);

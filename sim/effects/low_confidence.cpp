@@ -29,7 +29,8 @@ class LowConfidence : public Run {
         !any_between(layers, channels.cos_incidence, std::cos(std::min(t + furthest, pi)),
                      std::cos(std::max(t - furthest, 0.f)))) {  // no surface so near to the threshold
       invalidate_where(layers, Reason::low_confidence, [&](int row) {
-        return [cos_theta = channels.cos_incidence.ptr<float>(row), c = cosine_](int col) { return cos_theta[col] < c; };
+        return
+            [cos_theta = channels.cos_incidence.ptr<float>(row), c = cosine_](int col) { return cos_theta[col] < c; };
       });
       return;
     }

@@ -71,6 +71,19 @@ TEST_P(CoherentNoiseOf, SameStreamSameBytes) {
   EXPECT_GT(cv::norm(a, c, cv::NORM_INF), 0.1);
 }
 
+TEST_P(CoherentNoiseOf, NoValueIsBeyondTheBound) {
+  double furthest = 0;
+  for (const double share : {0.0, 0.5, 1.0})
+    for (std::uint64_t k = 0; k < 100; ++k) {
+      DisturbanceField field(60, 80, 20, share, GetParam(), RandomStream(k));
+      double low, high;
+      cv::minMaxLoc(field.at(RandomStream(1000 + k)), &low, &high);
+      EXPECT_LE(std::max(-low, high), field.bound());
+      furthest = std::max(furthest, std::max(-low, high) / field.bound());
+    }
+  EXPECT_GT(furthest, 0.4);  // a bound that nothing comes near would be of no use
+}
+
 INSTANTIATE_TEST_SUITE_P(Weights, CoherentNoiseOf, testing::Values(LatticeWeight::cubic, LatticeWeight::quintic),
                          [](const auto& info) { return info.param == LatticeWeight::cubic ? "cubic" : "quintic"; });
 

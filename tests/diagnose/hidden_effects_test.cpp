@@ -56,7 +56,8 @@ TEST(HiddenData, AgreeWithTheCatalogueInEverySegment) {
 }
 
 TEST(HiddenEffects, AreNamedFirst) {
-  for (const char* effect : {"radial_distortion", "row_noise", "depth_offset"}) {
+  for (const char* effect :
+       {"radial_distortion", "row_noise", "depth_offset", "disparity_quantisation", "dead_pixels"}) {
     const Diagnosis diagnosis = answer({"one", {effect}, Strength::strong, 1});
     ASSERT_FALSE(diagnosis.candidates.empty()) << effect << ": " << diagnosis.headline;
     EXPECT_EQ(diagnosis.candidates[0].effect, effect) << diagnosis.headline;

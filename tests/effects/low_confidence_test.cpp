@@ -50,5 +50,22 @@ TEST(LowConfidence, DisturbanceIsASoftThresholdOfThatWidth) {
   EXPECT_LT(share(82), 0.005);
 }
 
+TEST(LowConfidence, FarFromTheThresholdItsDisturbanceChangesNothing) {
+  // Planes whose incidence is far from the threshold: everything or nothing is left, whatever the field is.
+  for (const double tilt_deg : {20.0, 84.0}) {
+    Camera narrow = test::small_camera();
+    narrow.fx = narrow.fy = 20000;
+    const test::AnalyticScene plane = test::plane_scene(800, tilt_deg * CV_PI / 180);
+    const CaptureContext context = test::analytic_context(plane, narrow);
+    const auto channels = test::analytic_channels(plane, narrow, context.projector_xyz_mm, 800);
+    for (const double disturbance : {0.0, 0.5, 1.0}) {
+      const auto instance =
+          test::make_instance("low_confidence", {{"threshold", 75}, {"disturbance", disturbance}, {"grid", 8}});
+      EXPECT_EQ(test::share_with(test::EffectUnderTest(instance, context).frame(*channels, 1), Reason::low_confidence),
+                tilt_deg > 75 ? 1 : 0);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace binrig
