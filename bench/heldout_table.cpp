@@ -1,7 +1,9 @@
 // The table of docs/real-sensors.md: two models calibrated to the train captures of a recording set, and how far each
 // is from the captures held out, channel by channel, on one scale.
 //
-//   heldout_table SET BASE.yaml CAMERA.yaml OUT [ID.PARAMETER of CAMERA that stays ...]
+//   heldout_table SET BASE.yaml CAMERA.yaml OUT [from-file] [ID.PARAMETER of CAMERA that stays ...]
+//
+// from-file: the camera's fit begins where its file says, and not where planes put its noise.
 //
 // Writes OUT/base.yaml and OUT/camera.yaml. The scale is the second model's own randomness with the practical floors: 1
 // is as near as its own simulations are to each other.
@@ -51,9 +53,11 @@ int run(const std::string& path, const std::vector<std::string>& files, const st
   for (int k : {0, 1}) {
     CalibrationOptions options;
     if (k == 1) options.fixed = fixed;
+    const bool from_file = std::erase(options.fixed, "from-file") > 0;
     options.provenance = std::filesystem::weakly_canonical(path).filename().string() + ", split train";
-    start_from_planes(models[k], path, options.seed,
-                      [&](const std::string& id, const std::string& name) { return is_fitted(options, id, name); });
+    if (!from_file)
+      start_from_planes(models[k], path, options.seed,
+                        [&](const std::string& id, const std::string& name) { return is_fitted(options, id, name); });
     Calibration found = calibrate(experiment, measured, models[k], options);
     const std::string file = out + (k == 0 ? "/base.yaml" : "/camera.yaml");
     rebase_files(found.model, file);
