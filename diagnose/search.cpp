@@ -65,9 +65,18 @@ Refined refine(const Experiment& experiment, const std::vector<SceneMotion>& mot
   const EffectCatalogue& catalogue = experiment.forward().catalogue();
   SensorModel model = rung.model;
   Refined refined;
-  refined.effect = hypothesis.effect;
   refined.id = add_effect(model, catalogue, hypothesis.effect, start.values).id;
-  refined.linear_gain = start.gain;
+  const ParameterSpec* amplitude = hypothesis.declaration->parameter(hypothesis.declaration->amplitude);
+  if (amplitude && amplitude->either_sign) {
+    // Variances and shares do not turn round with the sign as the linear view has it: both signs are simulated.
+    auto values = start.values;
+    values[amplitude->name] = -values[amplitude->name];
+    const SensorModel other = with_effect(rung.model, catalogue, hypothesis.effect, values);
+    const auto chi = [&](const SensorModel& m) {
+      return registered_remainder(experiment, motions, rung, m, options).train;
+    };
+    if (chi(other) < chi(model)) model = other;
+  }
   const Needs& needs = hypothesis.declaration->needs;
   FitOptions fit;
   fit.seeds = 2;
@@ -98,151 +107,199 @@ Refined refine(const Experiment& experiment, const std::vector<SceneMotion>& mot
   return refined;
 }
 
-/// Of the hypotheses that draw a map, by index.
-std::map<int, UnitMap> unit_maps(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
-                                 const std::vector<LinearGain>& linear, const SearchOptions& options) {
-  std::map<int, UnitMap> maps;
-  std::vector<StatVector> without;
-  for (int h = 0; h < static_cast<int>(hypotheses.tested.size()); ++h) {
-    const Hypothesis& hypothesis = hypotheses.tested[h];
-    if (!hypothesis.declaration->per_unit_map) continue;
-    const auto simulate = [&](const SensorModel& model) {
-      return experiment.simulate(UnitMap::trials_of(rung, model, options.seed + 80), "simulating units");
-    };
-    if (without.empty()) without = simulate(rung.model);
-    maps.emplace(h, UnitMap(experiment.layout(), rung, without,
-                            simulate(with_effect(rung.model, experiment.forward().catalogue(), hypothesis.effect,
-                                                 linear[h].values))));
-  }
-  return maps;
-}
-
 double quantile(std::vector<double> values, double q) {
   const auto at = values.begin() + static_cast<long>(q * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), at, values.end());
   return *at;
 }
 
-}  // namespace
+class Search {
+ public:
+  Search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+         const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
+         const SignatureBook& book, const SearchOptions& options)
+      : experiment_(experiment),
+        motions_(motions),
+        rung_(rung),
+        measured_(measured),
+        hypotheses_(hypotheses),
+        signatures_(signatures),
+        book_(book),
+        options_(options),
+        count_(static_cast<int>(hypotheses.tested.size())),
+        left_(rung.dispersion) {}
 
-SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
-                    const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-                    const SignatureBook& book, const SearchOptions& options) {
-  SearchResult result;
-  const int count = static_cast<int>(hypotheses.tested.size());
-  const Ranking ranking(experiment, rung, hypotheses, signatures);
-  result.linear = ranking.gains(rung.rest);
-  result.null_gains.resize(count);
-  const std::map<int, UnitMap> maps = unit_maps(experiment, rung, hypotheses, result.linear, options);
-  std::map<int, UnitMap::Gain> by_map;  // of those that look random
-  for (const auto& [h, map] : maps) {
-    if (!map.looks_random(rung.rest)) continue;
-    by_map[h] = map.gain(rung.rest, rung.rest);
-    result.linear[h].gain += by_map[h].train;
+  SearchResult run() {
+    hold_signatures_against_residual();
+    set_gates();
+    base_ = registered_remainder(experiment_, motions_, rung_, rung_.model, options_);
+    refine_shortlist();
+    if (left_ > options_.astray) look_again();
+    std::sort(result_.refined.begin(), result_.refined.end(),
+              [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
+    return std::move(result_);
   }
-  std::vector<std::vector<LinearGain>> nulls;
-  for (const auto& null : rung.nulls) {
-    const Whitened rest = rung.train.explain(null).rest;
-    nulls.push_back(ranking.gains(rest));
-    for (const auto& [h, map] : maps) nulls.back()[h].gain += map.gain(rest, rest).train;
-  }
-  for (int h = 0; h < count; ++h) {
-    double mean = 0;
-    for (const auto& null : nulls) {
-      result.null_gains[h].push_back(null[h].gain);
-      mean += null[h].gain / nulls.size();
+
+ private:
+  /// Of the hypotheses that draw a map.
+  void learn_unit_maps() {
+    std::vector<StatVector> without;
+    for (int h = 0; h < count_; ++h) {
+      const Hypothesis& hypothesis = hypotheses_.tested[h];
+      if (!hypothesis.declaration->per_unit_map) continue;
+      const auto simulate = [&](const SensorModel& model) {
+        return experiment_.simulate(UnitMap::trials_of(rung_, model, options_.seed + 80), "simulating units");
+      };
+      if (without.empty()) without = simulate(rung_.model);
+      const UnitMap map(experiment_.layout(), rung_, without, simulate(added(h)));
+      if (map.looks_random(rung_.rest)) map_gains_[h] = map.gain(rung_.rest, rung_.rest);
+      maps_.emplace(h, map);
     }
-    result.prices.push_back(mean);
-    result.p_values.push_back(gain_p_value(result.linear[h].gain / rung.dispersion, result.null_gains[h]));
-  }
-  // A few wild simulations of one hypothesis (holes where none of the others has any) must not hide all others: the
-  // common bar is a robust one, and each hypothesis has to clear its own besides.
-  std::vector<double> best_null;
-  for (const auto& null : nulls) {
-    double best = 0;
-    for (int h = 0; h < count; ++h) best = std::max(best, null[h].gain - result.prices[h]);
-    best_null.push_back(best);
-  }
-  const double middle = quantile(best_null, 0.5);
-  result.gate = middle + 3 * std::max((quantile(best_null, 0.84) - middle), 0.3 * middle);
-  std::vector<double> own_gate(count);
-  for (int h = 0; h < count; ++h) {
-    double square = 0;
-    for (double gain : result.null_gains[h]) square += std::pow(gain - result.prices[h], 2) / nulls.size();
-    own_gate[h] = std::max(result.gate, 3 * std::sqrt(square));
   }
 
-  std::vector<int> order(count);
-  std::iota(order.begin(), order.end(), 0);
-  std::sort(order.begin(), order.end(), [&](int a, int b) { return result.linear[a].gain > result.linear[b].gain; });
-  const Remainder base = registered_remainder(experiment, motions, rung, rung.model, options);
-  // Where much is unexplained, the linear view of signatures may mislead: what is left when they are simulated decides
-  // who is fitted.
-  std::vector<std::pair<double, int>> shortlist;
-  for (int h : order) {
-    if (static_cast<int>(shortlist.size()) >= options.shortlist) break;
-    if (result.linear[h].gain / rung.dispersion - result.prices[h] < own_gate[h]) continue;
-    shortlist.emplace_back(0, h);
+  /// The rung's model with a hypothesis where the linear view puts it.
+  SensorModel added(int h) const {
+    return with_effect(rung_.model, experiment_.forward().catalogue(), hypotheses_.tested[h].effect,
+                       result_.linear[h].values);
   }
-  const bool simulated = rung.dispersion > options.linear_until && static_cast<int>(shortlist.size()) > options.refine;
-  const double nominal =
-      simulated ? remainder_of(experiment, rung, rung.model, {}, {}, options).train : 0;  // where signatures stand
-  for (auto& [gain, h] : shortlist)
-    gain = simulated ? nominal - remainder_of(experiment, rung,
-                                              with_effect(rung.model, experiment.forward().catalogue(),
-                                                          hypotheses.tested[h].effect, result.linear[h].values),
-                                              {}, {}, options)
-                                     .train
-                     : result.linear[h].gain;
-  std::stable_sort(shortlist.begin(), shortlist.end(), [](auto& a, auto& b) { return a.first > b.first; });
-  shortlist.resize(std::min<std::size_t>(shortlist.size(), options.refine));
-  double left = rung.dispersion;  // by the best of them
-  const auto judge = [&](Refined refined, int h) {
-    refined.price = result.prices[h];
-    refined.gate = own_gate[h];
-    refined.p = result.p_values[h];
-    refined.random_map = !maps.count(h) || by_map.count(h);
-    const Remainder with = registered_remainder(experiment, motions, rung, refined.model, options);
-    const UnitMap::Gain map = by_map.count(h) ? by_map.at(h) : UnitMap::Gain{};
-    refined.train_gain = (base.train - with.train + map.train) / rung.dispersion;
-    refined.test_gain = (base.test - with.test + map.test) / rung.dispersion;
-    refined.change = with.mean;
-    for (std::size_t i = 0; i < refined.change.size(); ++i) refined.change[i] -= base.mean[i];
-    compress(refined.change);
-    left = std::min(left, rung.dispersion * with.train / base.train);
-    result.refined.push_back(std::move(refined));
+
+  /// Gains of all hypotheses, on the data and on recordings in which nothing is missing.
+  void hold_signatures_against_residual() {
+    const Ranking ranking(experiment_, rung_, hypotheses_, signatures_);
+    result_.linear = ranking.gains(rung_.rest);
+    learn_unit_maps();
+    for (const auto& [h, gain] : map_gains_) result_.linear[h].gain += gain.train;
+    result_.null_gains.resize(count_);
+    for (const auto& null : rung_.nulls) {
+      const Whitened rest = rung_.train.explain(null).rest;
+      auto gains = ranking.gains(rest);
+      for (const auto& [h, map] : maps_) gains[h].gain += map.gain(rest, rest).train;
+      for (int h = 0; h < count_; ++h) result_.null_gains[h].push_back(gains[h].gain);
+    }
+    for (int h = 0; h < count_; ++h) {
+      const auto& nulls = result_.null_gains[h];
+      result_.prices.push_back(std::accumulate(nulls.begin(), nulls.end(), 0.0) / std::max<double>(1, nulls.size()));
+      result_.p_values.push_back(gain_p_value(result_.linear[h].gain / rung_.dispersion, nulls));
+    }
+  }
+
+  /// A few wild simulations of one hypothesis (holes where none of the others has any) must not hide all others: the
+  /// common bar is a robust one, and each hypothesis has to clear its own besides.
+  void set_gates() {
+    const std::size_t nulls = rung_.nulls.size();
+    std::vector<double> best_null(nulls, 0);
+    for (int h = 0; h < count_; ++h)
+      for (std::size_t k = 0; k < nulls; ++k)
+        best_null[k] = std::max(best_null[k], result_.null_gains[h][k] - result_.prices[h]);
+    const double middle = quantile(best_null, 0.5);
+    result_.gate = middle + 3 * std::max(quantile(best_null, 0.84) - middle, 0.3 * middle);
+    for (int h = 0; h < count_; ++h) {
+      double square = 0;
+      for (double gain : result_.null_gains[h]) square += std::pow(gain - result_.prices[h], 2) / nulls;
+      own_gate_.push_back(std::max(result_.gate, 3 * std::sqrt(square)));
+    }
+  }
+
+  struct Listed {
+    double gain;  ///< of chi, before it is fitted
+    int hypothesis;
   };
-  std::vector<int> refined_of;  // hypothesis, by refined
-  double most_explained = 0;
-  for (const auto& [gain, h] : shortlist) {
-    // One that explains far less before it is fitted will not be the best when it is.
-    const auto& parameters = hypotheses.tested[h].declaration->parameters;
-    const bool to_be_scanned =
-        std::any_of(parameters.begin(), parameters.end(), [](const ParameterSpec& spec) { return !spec.interpolate; });
-    if (gain < (to_be_scanned ? 0.5 : 1) * options.hopeless * most_explained) continue;
-    judge(refine(experiment, motions, rung, measured, hypotheses.tested[h], result.linear[h], options), h);
-    refined_of.push_back(h);
-    most_explained = std::max(most_explained, result.refined.back().train_gain * rung.dispersion);
+  /// The best by linear gain; where much is unexplained, the linear view of signatures may mislead, and what is left
+  /// when they are simulated decides.
+  std::vector<Listed> shortlist() const {
+    std::vector<int> order(count_);
+    std::iota(order.begin(), order.end(), 0);
+    std::sort(order.begin(), order.end(),
+              [&](int a, int b) { return result_.linear[a].gain > result_.linear[b].gain; });
+    std::vector<Listed> list;
+    for (int h : order) {
+      if (static_cast<int>(list.size()) >= options_.shortlist) break;
+      const double gain = result_.linear[h].gain;
+      if (gain / rung_.dispersion - result_.prices[h] >= own_gate_[h]) list.push_back({gain, h});
+    }
+    if (rung_.dispersion > options_.linear_until && static_cast<int>(list.size()) > options_.refine) {
+      // Signatures stand where the targets nominally do.
+      const double nominal = remainder_of(experiment_, rung_, rung_.model, {}, {}, options_).train;
+      for (auto& [gain, h] : list)
+        gain = nominal - remainder_of(experiment_, rung_, added(h), {}, {}, options_).train + map_gain(h).train;
+      std::stable_sort(list.begin(), list.end(), [](const Listed& a, const Listed& b) { return a.gain > b.gain; });
+    }
+    list.resize(std::min<std::size_t>(list.size(), options_.refine));
+    return list;
   }
-  if (left > options.astray) {
-    int best = -1;
-    double highest = 0;
-    for (std::size_t k = 0; k < result.refined.size(); ++k)
-      if (result.refined[k].score() > highest) highest = result.refined[k].score(), best = refined_of[k];
-    for (Anew& anew : look_anew(experiment, motions, measured, book.model(), hypotheses, signatures, book.simulations(),
-                                best, options.anew, options.seed + 60)) {
+
+  UnitMap::Gain map_gain(int h) const { return map_gains_.count(h) ? map_gains_.at(h) : UnitMap::Gain{}; }
+
+  /// What a refined hypothesis gains, by simulation.
+  void judge(Refined refined, int h) {
+    refined.hypothesis = h;
+    refined.effect = hypotheses_.tested[h].effect;
+    refined.linear_gain = result_.linear[h].gain;
+    refined.price = result_.prices[h];
+    refined.gate = own_gate_[h];
+    refined.p = result_.p_values[h];
+    refined.random_map = !maps_.count(h) || map_gains_.count(h);
+    const Remainder with = registered_remainder(experiment_, motions_, rung_, refined.model, options_);
+    refined.train_gain = (base_.train - with.train + map_gain(h).train) / rung_.dispersion;
+    refined.test_gain = (base_.test - with.test + map_gain(h).test) / rung_.dispersion;
+    refined.change = with.mean;
+    for (std::size_t i = 0; i < refined.change.size(); ++i) refined.change[i] -= base_.mean[i];
+    compress(refined.change);
+    left_ = std::min(left_, rung_.dispersion * with.train / base_.train);
+    result_.refined.push_back(std::move(refined));
+  }
+
+  void refine_shortlist() {
+    double most_explained = 0;
+    for (const auto& [gain, h] : shortlist()) {
+      // One that explains far less before it is fitted will not be the best when it is.
+      const auto& parameters = hypotheses_.tested[h].declaration->parameters;
+      const bool to_be_scanned = std::any_of(parameters.begin(), parameters.end(),
+                                             [](const ParameterSpec& spec) { return !spec.interpolate; });
+      if (gain < (to_be_scanned ? 0.5 : 1) * options_.hopeless * most_explained) continue;
+      judge(refine(experiment_, motions_, rung_, measured_, hypotheses_.tested[h], result_.linear[h], options_), h);
+      most_explained = std::max(most_explained, result_.refined.back().train_gain * rung_.dispersion);
+    }
+  }
+
+  /// From the model as it was given, unless that names the best one, too.
+  void look_again() {
+    const auto best = std::max_element(result_.refined.begin(), result_.refined.end(),
+                                       [](const Refined& a, const Refined& b) { return a.score() < b.score(); });
+    const int known = best == result_.refined.end() ? -1 : best->hypothesis;
+    for (Anew& anew : look_anew(experiment_, motions_, measured_, book_.model(), hypotheses_, signatures_,
+                                book_.simulations(), known, options_.anew, options_.seed + 60)) {
       Refined refined;
-      refined.effect = hypotheses.tested[anew.hypothesis].effect;
       refined.id = anew.id;
-      refined.linear_gain = result.linear[anew.hypothesis].gain;
       refined.model = anew.fit.model;
       refined.fit = std::move(anew.fit);
       judge(std::move(refined), anew.hypothesis);
     }
   }
-  std::sort(result.refined.begin(), result.refined.end(),
-            [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
-  return result;
+
+  const Experiment& experiment_;
+  const std::vector<SceneMotion>& motions_;
+  const Rung& rung_;
+  const Measurement& measured_;
+  const Hypotheses& hypotheses_;
+  const std::vector<Signature>& signatures_;
+  const SignatureBook& book_;
+  const SearchOptions& options_;
+  const int count_;
+  SearchResult result_;
+  std::map<int, UnitMap> maps_;             // by hypothesis
+  std::map<int, UnitMap::Gain> map_gains_;  // of those that look random
+  std::vector<double> own_gate_;
+  Remainder base_;
+  double left_;  // dispersion, by the best so far
+};
+
+}  // namespace
+
+SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+                    const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
+                    const SignatureBook& book, const SearchOptions& options) {
+  return Search(experiment, motions, rung, measured, hypotheses, signatures, book, options).run();
 }
 
 std::vector<const Refined*> SearchResult::accepted(const SearchOptions& options) const {

@@ -10,6 +10,7 @@ namespace binrig {
 
 /// A hypothesis refined by simulating with it, its nuisances marginalised.
 struct Refined {
+  int hypothesis = 0;                    ///< index
   std::string effect, id;                ///< id of the added instance
   SensorModel model;                     ///< the rung's model with the effect at its best parameters
   Fit fit;                               ///< of the effect's parameters
