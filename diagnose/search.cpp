@@ -134,7 +134,8 @@ class Search {
     set_gates();
     base_ = registered_remainder(experiment_, motions_, rung_, rung_.model, options_);
     refine_shortlist();
-    if (left_ > options_.astray) look_again();
+    // Signatures are of the model as given, without what was added to it since.
+    if (left_ > options_.astray && rung_.model.effects.size() == book_.model().effects.size()) look_again();
     std::sort(result_.refined.begin(), result_.refined.end(),
               [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
     return std::move(result_);
