@@ -82,6 +82,7 @@ Hypothesis make(const EffectDeclaration& effect) {
   for (std::size_t k = 0; k < shapes.size(); ++k) {
     StrengthPath path;
     path.detail = detail[k];
+    path.one_of_many = k >= first_place;
     path.interpolate = !is_discrete(*amplitude);
     path.mirror = amplitude->either_sign && path.interpolate;
     for (double a : amplitudes(effect, *amplitude, k == 0 && !phase)) {

@@ -25,6 +25,7 @@ struct StrengthPath {
   /// Looked at only where the hypothesis' other paths explain something: it differs from the first one by a parameter
   /// that changes the trace little by little.
   bool detail = false;
+  bool one_of_many = false;  ///< of a grid of places: each is simulated once, not with several seeds
 };
 
 struct Hypothesis {

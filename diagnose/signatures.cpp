@@ -135,17 +135,21 @@ void SignatureBook::look_at(const std::vector<int>& hypotheses, bool detail) {
     const int last = std::min<int>(first + batch, static_cast<int>(places.size()));
     std::vector<Trial> trials;
     std::vector<bool> series;  // only run in full for effects that live on time
+    std::vector<long> begins;  // of a place's trials
     for (int i = first; i < last; ++i) {
       const Hypothesis& hypothesis = hypotheses_.tested[places[i].hypothesis];
       const Needs& needs = hypothesis.declaration->needs;
       series.push_back(needs.power_on || needs.motion || needs.repeats);
       const SensorModel extended = with_effect(model_, catalogue, hypothesis.effect,
                                                hypothesis.paths[places[i].path].atoms[places[i].atom].values);
-      for (int s = 0; s < options_.seeds; ++s) trials.push_back(trial(extended, s, series.back()));
+      begins.push_back(static_cast<long>(trials.size()));
+      const int seeds = hypothesis.paths[places[i].path].one_of_many ? 1 : options_.seeds;
+      for (int s = 0; s < seeds; ++s) trials.push_back(trial(extended, s, series.back()));
     }
+    begins.push_back(static_cast<long>(trials.size()));
     const auto with = experiment_.simulate(trials, "simulating what effects would change", true);
     parallel_for(last - first, [&](int i) {
-      const std::vector<StatVector> own(with.begin() + i * options_.seeds, with.begin() + (i + 1) * options_.seeds);
+      const std::vector<StatVector> own(with.begin() + begins[i], with.begin() + begins[i + 1]);
       found[first + i] = {places[first + i].hypothesis, places[first + i].path, places[first + i].atom,
                           shrunk_change(experiment_.layout(), spread_, own, without_[series[i]])};
     });

@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include <fmt/format.h>
 #include <Eigen/Eigenvalues>
+
+#include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
@@ -12,10 +15,28 @@ constexpr int units = 4;
 constexpr double least_coherence = 0.4;  // of a segment's change that is common to all captures
 constexpr double strengths[] = {0.25, 0.5, 1, 2, 4};
 
-double kurtosis_of(const std::vector<double>& values) {
-  double square = 0, fourth = 0;
-  for (double v : values) square += v * v, fourth += v * v * v * v;
-  return square > 0 ? fourth * static_cast<double>(values.size()) / (square * square) : 3;
+double sum_of_squares(const std::vector<double>& map) {
+  double sum = 0;
+  for (double v : map) sum += v * v;
+  return sum;
+}
+
+double kurtosis_of(const std::vector<double>& map) {
+  double fourth = 0;
+  for (double v : map) fourth += v * v * v * v;
+  const double square = sum_of_squares(map);
+  return square > 0 ? fourth * static_cast<double>(map.size()) / (square * square) : 3;
+}
+
+/// Mean product of adjacent cells over the mean square, of which `noise` (of the sum of squares) is none of the map's.
+double neighbour_correlation(const std::vector<double>& map, int cols, double noise) {
+  const int n = static_cast<int>(map.size());
+  double product = 0;
+  for (int i = 0; i < n; ++i) {
+    if ((i + 1) % cols != 0) product += map[i] * map[i + 1];
+    if (i + cols < n) product += map[i] * map[i + cols];
+  }
+  return product / 2 / std::max(1e-12, sum_of_squares(map) - noise);
 }
 
 }  // namespace
@@ -46,6 +67,7 @@ UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatV
     if (n < 2) continue;
     Segment segment;
     segment.cells = blocks[0]->size;
+    segment.cols = blocks[0]->cols;
     Eigen::MatrixXd moments = Eigen::MatrixXd::Zero(n, n);
     for (const Whitened& one : change)
       for (int a = 0; a < n; ++a)
@@ -71,14 +93,10 @@ UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatV
     segment.noise = square / known;
     segment.kurtosis = 0;
     for (const Whitened& one : change) {
-      std::vector<double> map;
-      for (int i = 0; i < segment.cells; ++i) {
-        double b = 0, g = 0, b2 = 0, g2 = 0;
-        sums(segment, i, one, true, b, g);
-        sums(segment, i, one, false, b2, g2);
-        if (g + g2 > 0) map.push_back((b + b2) / (g + g2));
-      }
+      double unused = 0;
+      const auto map = map_of(segment, one, unused);
       segment.kurtosis += kurtosis_of(map) / static_cast<double>(change.size());
+      segment.neighbour += neighbour_correlation(map, segment.cols, 0) / static_cast<double>(change.size());
     }
     segments_.push_back(std::move(segment));
   }
@@ -91,6 +109,20 @@ void UnitMap::sums(const Segment& segment, int cell, const Whitened& rest, bool 
     b += loading.value * rest[i];
     g += loading.value * loading.value;
   }
+}
+
+std::vector<double> UnitMap::map_of(const Segment& segment, const Whitened& rest, double& noise) const {
+  std::vector<double> map(segment.cells, 0);
+  noise = 0;
+  for (int i = 0; i < segment.cells; ++i) {
+    double b = 0, g = 0;
+    sums(segment, i, rest, true, b, g);
+    sums(segment, i, rest, false, b, g);
+    if (g == 0) continue;
+    map[i] = b / g;
+    noise += segment.noise / g;
+  }
+  return map;
 }
 
 UnitMap::Gain UnitMap::gain(const Whitened& train, const Whitened& test) const {
@@ -121,18 +153,15 @@ UnitMap::Gain UnitMap::gain(const Whitened& train, const Whitened& test) const {
 
 bool UnitMap::looks_random(const Whitened& rest) const {
   for (const Segment& segment : segments_) {
-    std::vector<double> map;
-    double signal = 0, noise = 0;
-    for (int i = 0; i < segment.cells; ++i) {
-      double b = 0, g = 0;
-      sums(segment, i, rest, true, b, g);
-      sums(segment, i, rest, false, b, g);
-      if (g == 0) continue;
-      map.push_back(b / g);
-      signal += b * b / (g * g);
-      noise += segment.noise / g;
-    }
-    if (signal < 2 * noise) continue;  // too little of a map to judge it
+    double noise = 0;
+    const auto map = map_of(segment, rest, noise);
+    if (sum_of_squares(map) < 2 * noise) continue;  // too little of a map to judge it
+    if (tracing())
+      fmt::print(stderr, "  unit map: neighbours {:.2f} (units {:.2f}), kurtosis {:.1f} ({:.1f})\n",
+                 neighbour_correlation(map, segment.cols, noise), segment.neighbour, kurtosis_of(map),
+                 segment.kurtosis);
+    constexpr double more_alike = 0.35;
+    if (neighbour_correlation(map, segment.cols, noise) > segment.neighbour + more_alike) return false;
     const double kurtosis = kurtosis_of(map);
     // A wave has 1.5 and two levels have 1; a Gaussian map has 3, smooth ones (of few independent patches) 2 .. 4.
     if (kurtosis < 0.62 * std::min(segment.kurtosis, 5.0)) return false;

@@ -29,8 +29,9 @@ class UnitMap {
 
   /// `train`, `test`: Explained::rest of either part.
   Gain gain(const Whitened& train, const Whitened& test) const;
-  /// Is the distribution of the map estimated from a residual (all captures) like that of simulated units? A step or a
-  /// wave is no random map.
+  /// Is the map estimated from a residual (all captures) like those of simulated units, by the distribution of its
+  /// values and by how adjacent cells go together? A step or a wave is no random map, a spot is no scatter of dead
+  /// pixels.
   bool looks_random(const Whitened& rest) const;
 
  private:
@@ -40,11 +41,14 @@ class UnitMap {
     double value;
   };
   struct Segment {
-    int cells = 0;
+    int cells = 0, cols = 0;
     std::vector<Loading> loadings;
-    double noise = 1;     // mean square
-    double kurtosis = 3;  // of simulated maps
+    double noise = 1;      // mean square
+    double kurtosis = 3;   // of simulated maps
+    double neighbour = 0;  // correlation of adjacent cells, of simulated maps
   };
+  /// Estimates of a map, cell by cell; 0 where nothing is known. `noise`: what chance adds to the sum of their squares.
+  std::vector<double> map_of(const Segment& segment, const Whitened& rest, double& noise) const;
   /// Sums over captures of loading times residual and of loading squared, for one cell.
   void sums(const Segment& segment, int cell, const Whitened& rest, bool train, double& b, double& g) const;
 

@@ -104,5 +104,27 @@ TEST(UnitMap, AStepOrAWaveIsNoRandomMap) {
   }
 }
 
+TEST(UnitMap, ASpotIsNoScatterOfPixels) {
+  // Units of which few cells stand out; then a recording in which as many stand out, but side by side.
+  const Stand stand;
+  std::vector<StatVector> without, with;
+  const auto scattered = [](std::uint64_t unit) {
+    std::vector<float> map(cells, 0.f);
+    const RandomStream stream(unit);
+    for (int k = 0; k < 9; ++k) map[static_cast<int>(stream.uniform(k) * cells)] = 3;
+    return map;
+  };
+  for (std::uint64_t k = 0; k < 4; ++k) {
+    without.push_back(StatVector(stand.layout.size, 0.f));
+    with.push_back(recording(scattered(300 + k), 1, 0));
+  }
+  const UnitMap map(stand.layout, stand.rung, without, with);
+  std::vector<float> spot(cells, 0.f);
+  for (int r = 4; r < 7; ++r)
+    for (int c = 6; c < 9; ++c) spot[r * cols + c] = 3;
+  EXPECT_TRUE(map.looks_random(stand.rest(recording(scattered(400), 1, 9000))));
+  EXPECT_FALSE(map.looks_random(stand.rest(recording(spot, 1, 9000))));
+}
+
 }  // namespace
 }  // namespace binrig
