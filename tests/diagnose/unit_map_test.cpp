@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include <gtest/gtest.h>
+#include <opencv2/core/mat.hpp>
 
 #include "core/random.h"
 
@@ -25,8 +26,8 @@ Layout layout_of_maps() {
 
 std::vector<float> normals(int size, std::uint64_t key) {
   std::vector<float> v(size);
-  const RandomStream stream(key);
-  for (int i = 0; i < size; ++i) v[i] = static_cast<float>(stream.normal(i));
+  cv::Mat row(1, size, CV_32F, v.data());
+  RandomStream(key).fill_normal(row);
   return v;
 }
 
