@@ -30,6 +30,25 @@ void robust_spread(const cv::Mat& residual, const cv::Mat& measured, const cv::M
   scale = 1.4826 * *middle;
 }
 
+bool equal(const cv::Mat& a, const cv::Mat& b) {
+  if (a.size() != b.size()) return false;
+  for (int v = 0; v < a.rows; ++v)
+    if (!std::equal(a.ptr<float>(v), a.ptr<float>(v) + a.cols, b.ptr<float>(v))) return false;
+  return true;
+}
+
+/// Neighbouring residuals differ by more than rounding to the storage step makes them: the sensor has noise.
+bool rough(const cv::Mat& residual, const cv::Mat& used, double depth_scale_mm) {
+  std::vector<float> steps;
+  const float *r = residual.ptr<float>(), *w = used.ptr<float>();
+  for (int p = 0; p + 1 < static_cast<int>(residual.total()); ++p)
+    if (w[p] * w[p + 1] > 0) steps.push_back(std::abs(r[p + 1] - r[p]));
+  if (steps.empty()) return false;
+  const auto middle = steps.begin() + steps.size() / 2;
+  std::nth_element(steps.begin(), middle, steps.end());
+  return *middle > std::max(1e-3, 0.6 * depth_scale_mm);
+}
+
 }  // namespace
 
 struct CaptureStatistics::Impl {
@@ -37,7 +56,7 @@ struct CaptureStatistics::Impl {
   std::vector<std::unique_ptr<Statistic>> running;
   std::shared_ptr<const Channels> channels;  // of the regions below
   std::shared_ptr<const CaptureRegions> regions;
-  cv::Mat previous_residual, previous_used;
+  cv::Mat previous_residual, previous_used, previous_depth;
   int number = 0, regions_number = 0;
 
   void observe(const Frame& frame, ObservedFrame& seen) {
@@ -116,6 +135,12 @@ void CaptureStatistics::add(const Frame& frame, std::shared_ptr<const Channels> 
     self.regions = regions ? std::move(regions) : std::make_shared<CaptureRegions>(*self.channels, self.context);
     ++self.regions_number;
   }
+  if (!self.previous_depth.empty() && equal(frame.depth_mm, self.previous_depth) &&
+      rough(self.previous_residual, self.previous_used, self.context.depth_scale_mm)) {
+    for (auto& statistic : self.running)
+      if (statistic) statistic->repeat();
+    return;
+  }
   ObservedFrame seen;
   seen.number = self.number++;
   seen.frame = &frame;
@@ -128,6 +153,7 @@ void CaptureStatistics::add(const Frame& frame, std::shared_ptr<const Channels> 
     if (statistic) statistic->add(seen);
   self.previous_residual = seen.residual_mm;
   self.previous_used = seen.used;
+  self.previous_depth = frame.depth_mm;
 }
 
 std::vector<RawStatistic> CaptureStatistics::finish() {

@@ -208,14 +208,15 @@ class Calibrator {
   /// All parameters that are determined, but one, fitted again to all frames.
   Fit refit(const Rung& rung, const SensorModel& model, int without) const {
     std::vector<FitParameter> parameters;
-    std::vector<Whitened> slopes;
+    Fit nearby;
     for (std::size_t p = 0; p < first_.size(); ++p) {
       if (static_cast<int>(p) == without || !entry_of(first_[p].id, first_[p].name).determined()) continue;
       parameters.push_back(first_[p]);
-      slopes.push_back(rung.fit.slopes[p]);
+      nearby.slopes.push_back(rung.fit.slopes[p]);
+      nearby.seed_slopes.push_back(rung.fit.seed_slopes[p]);
     }
     FitOptions options = quick(rung);
-    options.slopes = &slopes;
+    options.nearby = &nearby;
     options.iterations = 0;
     return fit_model(experiment_, rung.standard, last_.metric, rung.data, model, parameters, rung.offsets, options);
   }

@@ -39,8 +39,10 @@ void fill_parameters(CandidateReport& report, const SensorModel& model, const Fi
   report.parameters.clear();
   for (const auto& parameter : fit.parameters)
     if (parameter.id == report.id) report.parameters.emplace_back(parameter, instance->values.at(parameter.name));
-  for (const auto& spec : instance->declaration(catalogue).parameters) {  // periods, steps, places: without interval
-    if (spec.kind != ParameterKind::integer && spec.interpolate) continue;
+  for (const auto& spec : instance->declaration(catalogue).parameters) {  // whole numbers: without interval
+    const bool listed = std::any_of(report.parameters.begin(), report.parameters.end(),
+                                    [&](const auto& entry) { return entry.first.name == spec.name; });
+    if (listed || (spec.kind != ParameterKind::integer && spec.interpolate)) continue;
     FitParameter parameter;
     parameter.id = report.id;
     parameter.name = spec.name;
@@ -108,7 +110,8 @@ class Climb {
     constexpr double something = 6;  // gain of chi: a fifth of what is needed to be accepted
     looked_closely_.resize(all_.tested.size());
     std::vector<int> worth_it;
-    for (const LinearGain& found : Ranking(experiment_, rung, all_, book_->signatures()).gains(rung.rest)) {
+    const Ranking ranking(experiment_, rung, all_, book_->signatures());
+    for (const LinearGain& found : ranking.gains(rung.rest, rung.nuisances)) {
       const int h = found.hypothesis;
       if (looked_closely_[h] || found.gain < something * rung.dispersion) continue;
       looked_closely_[h] = true;
@@ -188,11 +191,19 @@ class Climb {
     return true;
   }
 
+  static std::vector<FitParameter> narrow_of(const Rung& rung) {
+    std::vector<FitParameter> result;
+    for (const FitParameter& p : rung.fit.parameters)
+      if (p.narrow) result.push_back(p);
+    return result;
+  }
+
   /// The rung's model with a hypothesis added, everything fitted again. What the model had before was bent to make up
   /// for what was missing: it begins anew where the user put it.
   Rung with_added(const Rung& rung, const Refined& hypothesis) const {
     RungOptions options = rung_options_;
     options.added = hypothesis.id;
+    options.narrow = narrow_of(rung);
     SensorModel start = hypothesis.model;
     for (auto& instance : start.effects)
       if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
@@ -209,6 +220,7 @@ class Climb {
       again.simulations = 8;  // only their mean is looked at
       again.passes = 1;
       again.iterations = 4;
+      again.narrow = narrow_of(rungs_.back());
       std::vector<Rung> pair{rungs_.back(),
                              fit_rung(experiment_, motions_, measured_, without, rungs_.back().offsets, again)};
       const auto judged = scores(experiment_.layout(), pair[0], measured_.all, pair);

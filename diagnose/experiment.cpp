@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <filesystem>
 #include <limits>
 #include <mutex>
@@ -83,6 +84,27 @@ const Block* Layout::find(int capture, const std::string& segment_name) const {
   for (const auto& block : blocks)
     if (block.capture == capture && segments()[block.segment].name == segment_name) return &block;
   return nullptr;
+}
+
+void fill_unknown(const Layout& layout, std::vector<StatVector>& simulations, bool by_block) {
+  for (const Block& block : layout.blocks) {
+    double all = 0, known = 0;
+    const auto fill = [&](int i, float value) {
+      for (StatVector& one : simulations)
+        if (std::isnan(one[i])) one[i] = value;
+    };
+    for (int i = block.offset; i < block.offset + block.size; ++i) {
+      float sum = 0;
+      int count = 0;
+      for (const StatVector& one : simulations)
+        if (!std::isnan(one[i])) sum += one[i], ++count;
+      if (count == 0) continue;
+      all += sum, known += count;
+      if (count < static_cast<int>(simulations.size())) fill(i, sum / count);
+    }
+    if (by_block && block.rows > 1 && known > 0)
+      for (int i = block.offset; i < block.offset + block.size; ++i) fill(i, static_cast<float>(all / known));
+  }
 }
 
 Experiment::Experiment(const ForwardModel& forward, const SensorModel& model, SimulationCache& cache)
@@ -224,6 +246,7 @@ std::vector<StatVector> Experiment::simulate(const std::vector<Trial>& trials, c
         mix_keys(keys[t], mix_keys(trials[t].seed, static_cast<std::uint64_t>(trials[t].part) +
                                                        16u * trials[t].most_frames + 8u * trials[t].shorten_series));
     for (const auto& offset : trials[t].offsets) keys[t] = mix_keys(keys[t], offset_key(offset));
+    for (const int c : trials[t].only) keys[t] = mix_keys(keys[t], static_cast<std::uint64_t>(c) + 1);
     if (auto kept = cache_.get(keys[t]); kept && static_cast<int>(kept->size()) == layout_.size) {
       results[t] = std::move(*kept);
     } else {
@@ -253,6 +276,7 @@ std::vector<StatVector> Experiment::simulate(const std::vector<Trial>& trials, c
       const Trial& trial = trials[missing[i]];
       if (trial.part == Part::train && !layout_.train[c]) continue;
       if (trial.part == Part::test && layout_.train[c]) continue;
+      if (!trial.only.empty() && std::find(trial.only.begin(), trial.only.end(), c) == trial.only.end()) continue;
       simulate_capture(trial, c, results[missing[i]]);  // captures fill different parts of the vector
     }
     bar.advance();

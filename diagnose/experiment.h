@@ -35,6 +35,10 @@ struct Layout {
   const Block* find(int capture, const std::string& segment_name) const;
 };
 
+/// Fills what some of several simulations (or differences) do not know with the mean of those that do. `by_block`: what
+/// none knows, too, with the mean of its block in the image, if any of that is known.
+void fill_unknown(const Layout& layout, std::vector<StatVector>& simulations, bool by_block = false);
+
 /// Which captures take part.
 enum class Part { all, train, test };
 
@@ -58,6 +62,7 @@ struct Trial {
   /// No more than this many frames of a capture, unless it is a series from power-on. 0 = all.
   int most_frames = 0;
   bool shorten_series = false;  ///< series from power-on, too
+  std::vector<int> only;        ///< these captures; empty = all of `part`
 };
 
 class Experiment {

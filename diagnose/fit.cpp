@@ -55,6 +55,12 @@ bool draws_map(const SensorModel& model, const EffectCatalogue& catalogue, const
   return instance && instance->declaration(catalogue).per_unit_map;
 }
 
+std::vector<Whitened> differences_of(const Standard& standard, const std::vector<StatVector>& changes) {
+  std::vector<Whitened> result;
+  for (const StatVector& one : changes) result.push_back(standard.difference(one));
+  return result;
+}
+
 std::vector<Whitened> whiten_all(const Standard& standard, const std::vector<StatVector>& simulations) {
   std::vector<Whitened> result(simulations.size());
   parallel_for(static_cast<int>(simulations.size()), [&](int k) { result[k] = standard.linear(simulations[k]); });
@@ -86,7 +92,8 @@ std::vector<StatVector> simulate_typical_units(const Experiment& experiment, con
   return result;
 }
 
-MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector>& simulations) {
+MeanOfSimulations mean_of(const Standard& standard, std::vector<StatVector> simulations) {
+  fill_unknown(standard.layout(), simulations);
   const auto y = whiten_all(standard, simulations);
   const int k = static_cast<int>(y.size());
   MeanOfSimulations result;
@@ -141,7 +148,6 @@ class Fitter {
         n_(static_cast<int>(parameters.size())) {}
 
   Fit run(const SensorModel& start) {
-    fit_.parameters = parameters_;
     fit_.value.resize(n_);
     SensorModel first = start;
     for (int p = 0; p < n_; ++p)
@@ -150,7 +156,8 @@ class Fitter {
     now_.place = options_.place;
     now_ = evaluate(with_values(start, parameters_, fit_.value), fit_.value);
     descend();
-    scan();
+    if (scan()) descend();
+    fit_.parameters = parameters_;
     fit_.model = now_.model;
     fit_.offsets = now_.offsets;
     fit_.place = now_.place;
@@ -165,6 +172,7 @@ class Fitter {
     std::vector<Offset> offsets;
     std::vector<double> place;
     std::vector<StatVector> simulations;
+    std::vector<Whitened> noise;  // of their mean, see MeanOfSimulations
     Whitened residual;
     double chi = 0, dispersion = 1;
   };
@@ -199,11 +207,12 @@ class Fitter {
   Explained explain(State& state) const {
     std::vector<Trial> trials;
     for (int k = 0; k < options_.seeds; ++k) trials.push_back(trial(state.model, state.offsets, k));
-    const MeanOfSimulations mean =
+    MeanOfSimulations mean =
         mean_of(standard_, simulate_typical_units(experiment_, trials, "fitting parameters", &state.simulations));
     Whitened difference = data_;
     for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= mean.mean[i];
-    return metric_.explain(difference, state.place, {}, mean.noise);
+    state.noise = std::move(mean.noise);
+    return metric_.explain(difference, state.place, {}, state.noise);
   }
 
   /// Moves the targets of a state to where they want to be; false if they stand there.
@@ -240,6 +249,7 @@ class Fitter {
 
   void simulate_slopes() {
     fit_.slopes.resize(n_, Whitened(experiment_.layout().size, 0.f));
+    fit_.seed_slopes.resize(n_);
     std::vector<Trial> trials;
     std::vector<int> moved;
     for (int p = 0; p < n_; ++p) {
@@ -253,15 +263,21 @@ class Fitter {
     const auto simulated = experiment_.simulate(trials, "fitting parameters");
     parallel_for(static_cast<int>(moved.size()), [&](int m) {
       const float step = static_cast<float>(derivative_step(moved[m]));
-      std::vector<Whitened> differences;
-      for (int k = 0; k < options_.seeds; ++k) {
-        StatVector d = simulated[m * options_.seeds + k];
-        for (std::size_t i = 0; i < d.size(); ++i) d[i] = (d[i] - now_.simulations[k][i]) / step;
-        differences.push_back(standard_.difference(d));
-      }
+      std::vector<StatVector> changes(simulated.begin() + m * options_.seeds,
+                                      simulated.begin() + (m + 1) * options_.seeds);
+      for (int k = 0; k < options_.seeds; ++k)
+        for (std::size_t i = 0; i < changes[k].size(); ++i)
+          changes[k][i] = (changes[k][i] - now_.simulations[k][i]) / step;
+      // Where nothing is known nothing changes: beside neighbours that all move along, that would be a trace.
+      fill_unknown(experiment_.layout(), changes, true);
+      std::vector<Whitened> differences = differences_of(standard_, changes);
       if (draws_map(now_.model, experiment_.forward().catalogue(), parameters_[moved[m]].id))
         for (Whitened& d : differences) forget_bias(d);  // of the typical unit it stays where it is
-      fit_.slopes[moved[m]] = shrunk_mean(experiment_.layout(), differences);
+      const Whitened& mean = fit_.slopes[moved[m]] = shrunk_mean(experiment_.layout(), differences);
+      for (Whitened& d : differences)
+        for (std::size_t i = 0; i < d.size(); ++i)
+          if (mean[i] == 0) d[i] = 0;
+      fit_.seed_slopes[moved[m]] = std::move(differences);
     });
   }
 
@@ -270,22 +286,37 @@ class Fitter {
       if (segments()[block.segment].name == "bias") std::fill_n(change.begin() + block.offset, block.size, 0.f);
   }
 
-  /// Normal equations of the next step.
+  /// Normal equations of the next step. A simulation that scatters more has derivatives that scatter along, so that
+  /// those of each seed are only held against what the other seeds leave of the data.
   void linearise(Eigen::MatrixXd& a, Eigen::VectorXd& b) {
-    fit_.jacobian.resize(n_);
-    std::vector<Whitened> applied(n_);
+    const int seeds = options_.seeds;
+    const Pull pull(now_.residual);
+    std::vector<Whitened> left(seeds, pull.direct());
+    if (seeds > 1)
+      parallel_for(seeds, [&](int k) {
+        const Whitened own = metric_.apply(now_.noise[k]);
+        const float others = std::sqrt(seeds / (seeds - 1.f));
+        for (std::size_t i = 0; i < own.size(); ++i) left[k][i] += others * own[i];
+      });
+    SeedSlopes freed(n_), curved(n_);
+    b = Eigen::VectorXd::Zero(n_);
     parallel_for(n_, [&](int p) {
-      fit_.jacobian[p] = fit_.slopes[p];
-      for (std::size_t i = 0; i < now_.residual.size(); ++i) fit_.jacobian[p][i] *= compression_slope(now_.residual[i]);
-      applied[p] = metric_.apply(fit_.jacobian[p]);
+      const auto& slopes = fit_.seed_slopes[p];
+      for (std::size_t k = 0; k < slopes.size(); ++k) {
+        freed[p].push_back(metric_.apply(slopes[k]));
+        curved[p].push_back(pull.curved(slopes[k], freed[p][k]));
+        b[p] += pull.along(left[k], slopes[k], freed[p][k]) / seeds;
+      }
     });
-    a.resize(n_, n_);
-    b.resize(n_);
+    const Eigen::MatrixXd together = products_of_means(curved, freed);
+    Eigen::VectorXd scale(n_);
+    for (int p = 0; p < n_; ++p) scale[p] = parameters_[p].prior_sigma;
+    a = seeds > 1 ? positive_products(unbiased_products(curved, freed), together, scale) : together;
     for (int p = 0; p < n_; ++p) {
-      for (int q = 0; q <= p; ++q) a(p, q) = a(q, p) = dot(fit_.jacobian[p], applied[q]);
-      b[p] = dot(fit_.jacobian[p], now_.residual);  // the nuisances are out of it already
       const double precision = parameters_[p].circular ? 0.01 : 1 / std::pow(parameters_[p].prior_sigma, 2);
       if (a(p, p) < pause_below * precision) fit_.paused[p] = true;
+      if (parameters_[p].narrow && a(p, p) > 0)  // ten standard deviations
+        parameters_[p].step = std::clamp(10 / std::sqrt(a(p, p)), parameters_[p].step / 5, parameters_[p].step * 2);
       a(p, p) += precision;
       if (!parameters_[p].circular) b[p] -= precision * (fit_.value[p] - parameters_[p].prior_centre);
     }
@@ -317,20 +348,22 @@ class Fitter {
       return;
     }
     double damping = 1e-3;
-    bool stale = options_.slopes == nullptr;
-    if (!stale) fit_.slopes = *options_.slopes;
+    const bool given = options_.nearby && static_cast<int>(options_.nearby->slopes.size()) == n_;
+    bool stale = !given;
+    if (given) fit_.slopes = options_.nearby->slopes, fit_.seed_slopes = options_.nearby->seed_slopes;
     for (int simulated_slopes = 0;; ++fit_.rounds) {
-      if (stale && simulated_slopes >= std::max(options_.iterations, options_.slopes ? 0 : 1)) return;
+      if (stale && simulated_slopes >= std::max(options_.iterations, given ? 0 : 1)) return;
       if (stale) simulate_slopes(), ++simulated_slopes;
       const bool fresh = stale;
       Eigen::MatrixXd a;
       Eigen::VectorXd b, lower, upper;
       linearise(a, b);
-      if (options_.iterations == 0 && !options_.slopes) return;
+      if (options_.iterations == 0 && !given) return;
       box(lower, upper);
       const double enough = options_.converged * now_.dispersion;
       double gained = 0, promised = 0;
-      for (int attempt = 0; attempt < (fresh ? 5 : 1) && gained == 0; ++attempt) {
+      const int attempts = fresh ? 5 : options_.iterations == 0 ? 3 : 1;
+      for (int attempt = 0; attempt < attempts && gained == 0; ++attempt) {
         Eigen::MatrixXd damped = a;
         damped.diagonal() *= 1 + damping;
         const Eigen::VectorXd delta = minimum_in_box(damped, b, lower, upper);
@@ -374,13 +407,15 @@ class Fitter {
     return gain;
   }
 
-  /// Periods and steps have narrow valleys: the whole typical range, then closer and closer about the best.
-  void scan_range(const std::string& id, const ParameterSpec& spec) {
-    constexpr int places = 13;
+  /// Periods and steps have narrow valleys: the whole typical range, then closer and closer about the best. Returns
+  /// how close that came, relative to the value.
+  double scan_range(const std::string& id, const ParameterSpec& spec) {
+    constexpr int places = 21;  // over 5 octaves: every power of two
     constexpr double closest = 1.003;
     const double ratio = std::pow(spec.typical_high / spec.typical_low, 1.0 / (places - 1));
     for (int k = 0; k < places; ++k) try_value(id, spec, spec.typical_low * std::pow(ratio, k));
-    for (double r = std::sqrt(ratio); r > closest;) {
+    double r = std::sqrt(ratio);
+    while (r > closest) {
       const double value = now_.model.find(id)->value(spec.name);
       const double up = try_value(id, spec, value * r);
       if (up > least_gain) continue;
@@ -389,43 +424,81 @@ class Fitter {
       if (std::min(up, down) > -4 * now_.dispersion) break;  // two standard deviations
       r = std::sqrt(r);
     }
+    return std::log(r);
   }
 
-  /// Whole numbers, places, periods and steps, value by value.
-  void scan() {
+  /// Step by step to either side, as long as it helps.
+  void walk(const std::string& id, const ParameterSpec& spec, double share, int most) {
+    for (const double direction : {1.0, -1.0})
+      for (int moves = 0; moves < most; ++moves) {
+        const double value = now_.model.find(id)->value(spec.name);
+        const double step = spec.kind == ParameterKind::integer ? std::max(1.0, std::round(share * value))
+                            : spec.either_sign                  ? share * spec.typical_high
+                                                                : share * value;
+        if (try_value(id, spec, value + direction * step) <= least_gain) break;
+      }
+  }
+
+  /// Whole numbers value by value; periods, steps and places until they are so near that they can be fitted with all
+  /// others. True if there are such.
+  bool scan() {
     const EffectCatalogue& catalogue = experiment_.forward().catalogue();
+    bool near = false;
     for (const auto& id : options_.scan_ids) {
-      const EffectInstance* instance = now_.model.find(id);
-      if (!instance) continue;
-      for (const auto& spec : instance->declaration(catalogue).parameters) {
-        if (spec.kind != ParameterKind::integer && spec.interpolate) continue;
-        if (std::find(options_.fixed.begin(), options_.fixed.end(), id + "." + spec.name) != options_.fixed.end())
-          continue;
-        if ((options_.scan_all_ranges || id == options_.scan_ranges_of) && spec.kind != ParameterKind::integer &&
-            spec.log_scaled && spec.typical_low > 0) {
-          scan_range(id, spec);
+      if (!now_.model.find(id)) continue;
+      const auto& specs = now_.model.find(id)->declaration(catalogue).parameters;
+      const bool has_phase = std::any_of(specs.begin(), specs.end(),
+                                         [](const ParameterSpec& spec) { return spec.kind == ParameterKind::phase; });
+      for (const auto& spec : specs) {
+        if (spec.kind == ParameterKind::integer) {
+          if (!fixed(id, spec.name)) walk(id, spec, 0.25, 2);
           continue;
         }
-        for (double direction : {1.0, -1.0})
-          for (int moves = 0; moves < (spec.either_sign ? 5 : 2); ++moves) {
-            const double value = now_.model.find(id)->value(spec.name);
-            const double step = spec.kind == ParameterKind::integer ? std::max(1.0, std::round(0.25 * value))
-                                : spec.either_sign                  ? 0.06 * spec.typical_high
-                                                                    : 0.2 * value;
-            if (try_value(id, spec, value + direction * step) <= least_gain) break;
-          }
+        if (spec.interpolate || fixed(id, spec.name) || is_fitted(id, spec.name)) continue;
+        double closeness = 0.003;
+        if (spec.either_sign) {
+          walk(id, spec, 0.06, 5);
+          walk(id, spec, 0.03, 1);
+          closeness = 0.015 * spec.typical_high;
+        } else if (!has_phase && spec.log_scaled && spec.typical_low > 0 &&
+                   (options_.scan_all_ranges || id == options_.scan_ranges_of)) {
+          closeness = scan_range(id, spec);
+        } else if (!has_phase) {
+          walk(id, spec, 0.2, 2);
+          walk(id, spec, 0.05, 2);
+        }
+        // How a step's comb meets the data changes within thousandths: no slope leads there.
+        if (spec.name == now_.model.find(id)->declaration(catalogue).amplitude) continue;
+        parameters_.push_back(fit_parameter(*now_.model.find(id), spec, closeness));
+        near = true;
       }
     }
+    if (!near) return false;
+    n_ = static_cast<int>(parameters_.size());
+    fit_.value.resize(n_);
+    for (int p = 0; p < n_; ++p)
+      fit_.value[p] = parameters_[p].scaled(now_.model.find(parameters_[p].id)->value(parameters_[p].name));
+    now_ = evaluate(now_.model, fit_.value);  // with their priors
+    return true;
+  }
+
+  bool fixed(const std::string& id, const std::string& name) const {
+    return std::find(options_.fixed.begin(), options_.fixed.end(), id + "." + name) != options_.fixed.end();
+  }
+
+  bool is_fitted(const std::string& id, const std::string& name) const {
+    return std::any_of(parameters_.begin(), parameters_.end(),
+                       [&](const FitParameter& p) { return p.id == id && p.name == name; });
   }
 
   const Experiment& experiment_;
   const Standard& standard_;
   const Metric& metric_;
   const Whitened& data_;
-  const std::vector<FitParameter>& parameters_;
+  std::vector<FitParameter> parameters_;
   const std::vector<Offset>& offsets_;
   const FitOptions& options_;
-  const int n_;
+  int n_;
   Fit fit_;
   State now_;
 };

@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 
 #include "diagnose/registration.h"
+#include "diagnose/slopes.h"
 
 namespace binrig {
 
@@ -18,12 +19,18 @@ struct FitParameter {
   double lower = 0, upper = 0;               ///< natural units
   double prior_centre = 0, prior_sigma = 1;  ///< on the scale of the fit; wide
   double step = 0.1, longest = 0.6;          ///< of derivatives, and of one iteration; on the scale of the fit
+  /// A period, a step or a place: where it fits the data, its trace moves smoothly over a small part of it only.
+  bool narrow = false;
 
   double scaled(double value) const;
   double natural(double scaled_value) const;
 };
 
-/// The continuous parameters of the instances named (all if empty). The prior is centred on the model's value.
+/// The parameter of an instance; `closeness`, if given: how near to a narrow one's best value the model's is, relative
+/// to the value for a logarithmic one. The prior is centred on the model's value.
+FitParameter fit_parameter(const EffectInstance& instance, const ParameterSpec& spec, double closeness = 0);
+
+/// The continuous parameters of the instances named (all if empty), without narrow ones.
 std::vector<FitParameter> fit_parameters(const SensorModel& model, const EffectCatalogue& catalogue,
                                          const std::vector<std::string>& ids = {});
 
@@ -31,7 +38,8 @@ struct FitOptions {
   int seeds = 2;
   int most_frames = 0;  ///< of Trial
   bool shorten_series = false;
-  int iterations = 5;    ///< slopes are simulated at most so often; 0: derivatives at the start, or steps with `slopes`
+  int iterations =
+      5;  ///< slopes are simulated at most so often; 0: derivatives at the start, or steps with those of `nearby`
   double converged = 1;  ///< gain of chi, in units of its mean square, that ends the fit
   Part part = Part::train;
   std::uint64_t seed = 101;
@@ -39,27 +47,31 @@ struct FitOptions {
   /// The metric's first nuisances: where given, targets go along to where a model wants them, since what is left of a
   /// large motion in the linear view would hide what a parameter does. Null = they stay.
   const std::vector<SceneMotion>* motions = nullptr;
-  /// Fit::slopes of a fit nearby under the same standard, to begin with instead of simulating them; null = none.
-  const std::vector<Whitened>* slopes = nullptr;
-  std::vector<bool> paused;           ///< Fit::paused of a fit nearby
-  std::vector<std::string> scan_ids;  ///< instances whose whole-number parameters are varied, too
-  std::vector<std::string> fixed;     ///< parameters of theirs, by id.name, that stay
-  std::string scan_ranges_of;         ///< of this instance, periods and steps are sought over the whole typical range
-  bool scan_all_ranges = false;       ///< of all `scan_ids`
+  /// A fit of the same parameters nearby, under the same standard: begins with its slopes instead of simulating them.
+  const struct Fit* nearby = nullptr;
+  std::vector<bool> paused;  ///< Fit::paused of a fit nearby
+  /// Instances whose whole-number parameters are varied, too, and narrow ones sought: these are fitted with all others
+  /// once they are near.
+  std::vector<std::string> scan_ids;
+  std::vector<std::string> fixed;  ///< parameters of theirs, by id.name, that stay
+  /// Of this instance, narrow parameters are sought over the whole typical range, unless it has a phase: a period is
+  /// worth nothing with another one's.
+  std::string scan_ranges_of;
+  bool scan_all_ranges = false;  ///< of all `scan_ids`
 };
 
 struct Fit {
   SensorModel model;
   std::vector<Offset> offsets;  ///< where the targets stand with it
   std::vector<double> place;
-  std::vector<FitParameter> parameters;
-  Eigen::VectorXd value;      ///< on the scale of the fit
-  Eigen::MatrixXd precision;  ///< of value, prior included
+  std::vector<FitParameter> parameters;  ///< those given, then narrow ones that were sought
+  Eigen::VectorXd value;                 ///< on the scale of the fit
+  Eigen::MatrixXd precision;             ///< of value, prior included
   /// Standard deviation of the estimates over simulations of the fitted model, each taken for the data: what the
   /// precision does not know of (neighbouring cells that move together). Empty = not known.
   Eigen::VectorXd scatter;
-  std::vector<Whitened> slopes;    ///< change of y per unit, shrunk
-  std::vector<Whitened> jacobian;  ///< the same where the residual is compressed
+  std::vector<Whitened> slopes;  ///< change of y per unit, shrunk
+  SeedSlopes seed_slopes;        ///< the same, as each seed has it, in segments in which it is not mostly noise
   /// Parameters of which the data said nothing when their derivative was last taken (less than four times what their
   /// prior says): they were not simulated again, and stay where the prior holds them.
   std::vector<bool> paused;
@@ -82,7 +94,7 @@ struct MeanOfSimulations {
   Whitened mean;
   std::vector<Whitened> noise;
 };
-MeanOfSimulations mean_of(const Standard& standard, const std::vector<StatVector>& simulations);
+MeanOfSimulations mean_of(const Standard& standard, std::vector<StatVector> simulations);
 
 /// `data` is Standard::linear of the measurement, of as many frames as `most_frames` leaves. Simulates again and again
 /// until chi changes by less than `converged`; every step is the minimum of the damped normal equations within a box of

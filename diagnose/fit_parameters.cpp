@@ -20,42 +20,49 @@ double FitParameter::natural(double scaled_value) const {
   return std::clamp(logarithmic ? std::exp(scaled_value) : scaled_value, lower, upper);
 }
 
+FitParameter fit_parameter(const EffectInstance& instance, const ParameterSpec& spec, double closeness) {
+  FitParameter p;
+  p.id = instance.id;
+  p.name = spec.name;
+  p.unit = spec.unit;
+  p.lower = spec.lower;
+  p.upper = spec.upper;
+  p.circular = spec.kind == ParameterKind::phase;
+  p.narrow = !spec.interpolate;
+  const double low = spec.typical_low, high = spec.typical_high, width = std::abs(high - low);
+  const double value = instance.value(spec.name);
+  p.logarithmic = spec.log_scaled && spec.lower >= 0 && value > 0 && !spec.either_sign;
+  if (p.logarithmic) {
+    if (p.lower <= 0) p.lower = std::max(1e-9, std::min(low, value) * 1e-3);
+    p.prior_sigma = std::max(1.0, 0.5 * std::log(std::max(high, 1e-9) / std::max(low, 1e-9)));
+    p.step = 0.1;
+    p.longest = 0.5;
+  } else if (p.circular) {
+    p.prior_sigma = 4;
+    p.step = 0.15;
+    p.longest = 0.8;
+  } else {
+    const double scale = spec.either_sign ? std::abs(high) : std::max(width, 1e-9);
+    p.prior_sigma = scale;
+    p.step = 0.05 * scale;
+    p.longest = 0.25 * scale;
+  }
+  if (p.narrow && closeness > 0) {
+    p.step = closeness;
+    p.longest = 4 * closeness;
+  }
+  p.prior_centre = p.scaled(value);
+  return p;
+}
+
 std::vector<FitParameter> fit_parameters(const SensorModel& model, const EffectCatalogue& catalogue,
                                          const std::vector<std::string>& ids) {
   std::vector<FitParameter> result;
   for (const auto& instance : model.effects) {
     if (!ids.empty() && std::find(ids.begin(), ids.end(), instance.id) == ids.end()) continue;
-    for (const auto& spec : instance.declaration(catalogue).parameters) {
-      if (spec.kind == ParameterKind::integer || !spec.interpolate) continue;
-      if (spec.lower == spec.upper) continue;
-      FitParameter p;
-      p.id = instance.id;
-      p.name = spec.name;
-      p.unit = spec.unit;
-      p.lower = spec.lower;
-      p.upper = spec.upper;
-      p.circular = spec.kind == ParameterKind::phase;
-      const double low = spec.typical_low, high = spec.typical_high, width = std::abs(high - low);
-      const double value = instance.value(spec.name);
-      p.logarithmic = spec.log_scaled && spec.lower >= 0 && value > 0 && !spec.either_sign;
-      if (p.logarithmic) {
-        if (p.lower <= 0) p.lower = std::max(1e-9, std::min(low, value) * 1e-3);
-        p.prior_sigma = std::max(1.0, 0.5 * std::log(std::max(high, 1e-9) / std::max(low, 1e-9)));
-        p.step = 0.1;
-        p.longest = 0.5;
-      } else if (p.circular) {
-        p.prior_sigma = 4;
-        p.step = 0.15;
-        p.longest = 0.8;
-      } else {
-        const double scale = spec.either_sign ? std::abs(high) : std::max(width, 1e-9);
-        p.prior_sigma = scale;
-        p.step = 0.05 * scale;
-        p.longest = 0.25 * scale;
-      }
-      p.prior_centre = p.scaled(value);
-      result.push_back(p);
-    }
+    for (const auto& spec : instance.declaration(catalogue).parameters)
+      if (spec.kind != ParameterKind::integer && spec.interpolate && spec.lower != spec.upper)
+        result.push_back(fit_parameter(instance, spec));
   }
   return result;
 }

@@ -119,6 +119,34 @@ SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalog
   return result;
 }
 
+Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int count) {
+  const EffectDeclaration& effect = *hypothesis.declaration;
+  Hypothesis result{hypothesis.effect, &effect, {}};
+  const ParameterSpec *phase = nullptr, *period = nullptr, *amplitude = effect.parameter(effect.amplitude);
+  for (const auto& spec : effect.parameters) {
+    if (spec.kind == ParameterKind::phase)
+      phase = &spec;
+    else if (!spec.interpolate && spec.log_scaled && &spec != amplitude)
+      period = &spec;
+  }
+  if (!phase || !period || !amplitude) return result;
+  const double most = 1 / period->typical_low, least = 1 / period->typical_high;
+  for (int k = 0; k < count; ++k) {
+    Atom atom{values};
+    atom.values[amplitude->name] = clip(*amplitude, strength_value(effect, Strength::medium));
+    atom.values[period->name] = 1 / (least + (most - least) * k / std::max(1, count - 1));
+    for (const double quarter : {0.0, half_pi}) {
+      StrengthPath path;
+      atom.values[phase->name] = quarter;
+      path.atoms = {atom};
+      path.one_of_many = true;
+      if (quarter > 0) path.quadrature_of = static_cast<int>(result.paths.size()) - 1;
+      result.paths.push_back(path);
+    }
+  }
+  return result;
+}
+
 Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model) {
   Hypotheses result;
   const EffectCatalogue& catalogue = forward.catalogue();

@@ -45,6 +45,10 @@ struct Hypotheses {
   std::vector<Untested> untested;
 };
 
+/// The hypothesis with its period close together: `count` values of equal steps in its inverse over the typical range,
+/// all else as in `values`, at medium strength. No paths if it has no phase or no period.
+Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int count);
+
 Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model);
 
 /// The model with the effect added at the values.

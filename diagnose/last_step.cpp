@@ -9,6 +9,7 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "diagnose/slopes.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
@@ -38,18 +39,17 @@ class Step {
     const int n = static_cast<int>(priors_.size());
     result_.model = rung_.model;
     result_.furthest = 0;
-    result_.value = rung_.fit.value;
+    result_.value = rung_.fit.value.head(n);  // narrow ones come after
     result_.place.assign(rung_.place.begin(), rung_.place.begin() + static_cast<long>(motions_.size()));
     result_.rows = motion_rows(layout_, rung_.standard, motions_);
     result_.metric = Metric(layout_, Part::train, result_.rows);
     const Whitened rest = result_.metric.explain(rung_.data, result_.place).rest;
-    Whitened slope(rest.size());
-    for (std::size_t i = 0; i < rest.size(); ++i) slope[i] = compression_slope(rest[i]);
     if (n == 0) return std::move(result_);
-    differentiate(slope);
+    differentiate(Pull(rest));
     const auto gradient = [&](const Whitened& residual) {
+      const Pull pull(residual);
       VectorXd g(n);
-      for (int p = 0; p < n; ++p) g[p] = dot(result_.jacobian[p], residual);
+      for (int p = 0; p < n; ++p) g[p] = pull.along(pull.direct(), result_.jacobian[p], freed_[p]);
       return g;
     };
     VectorXd precision(n), pull(n);
@@ -93,10 +93,8 @@ class Step {
   }
 
  private:
-  /// Derivatives of y by the parameters, one a seed, in captures cut short, and what follows from them. Their own noise
-  /// must not pass for information: a direction in which parameters make up for each other would look short, steps
-  /// along it stop half way, and intervals be too narrow. So squares are taken between derivatives of different seeds.
-  void differentiate(const Whitened& slope) {
+  /// Derivatives of y by the parameters, one a seed, in captures cut short, and what follows from them.
+  void differentiate(const Pull& pull) {
     const int n = static_cast<int>(priors_.size());
     std::vector<Trial> trials;
     const auto add = [&](const SensorModel& model) {
@@ -123,72 +121,52 @@ class Step {
     const auto simulated = experiment_.simulate(trials, "taking derivatives");
     result_.jacobian.assign(n, Whitened(layout_.size, 0.f));
     result_.information = MatrixXd::Zero(n, n);
-    std::vector<std::vector<Whitened>> each(n);
-    std::vector<Whitened> whole(n), applied(n);
+    freed_.assign(n, Whitened(layout_.size, 0.f));
+    SeedSlopes freed(n), curved(n);
     parallel_for(static_cast<int>(asked.size()), [&](int m) {
       const int p = asked[m];
-      whole[p].assign(layout_.size, 0.f);
+      std::vector<Whitened> each;
+      Whitened whole(layout_.size, 0.f);
+      std::vector<StatVector> changes(simulated.begin() + (m + 1) * seeds, simulated.begin() + (m + 2) * seeds);
+      for (int k = 0; k < seeds; ++k)
+        for (int i = 0; i < layout_.size; ++i)
+          changes[k][i] = (changes[k][i] - simulated[k][i]) / static_cast<float>(taken[m]);
+      fill_unknown(layout_, changes, true);
       for (int k = 0; k < seeds; ++k) {
-        StatVector d = simulated[(m + 1) * seeds + k];
-        for (int i = 0; i < layout_.size; ++i) d[i] = (d[i] - simulated[k][i]) / static_cast<float>(taken[m]);
-        each[p].push_back(rung_.standard.difference(d));
-        for (int i = 0; i < layout_.size; ++i) {
-          each[p][k][i] *= slope[i];
-          whole[p][i] += each[p][k][i] / seeds;
-        }
+        each.push_back(rung_.standard.difference(changes[k]));
+        for (int i = 0; i < layout_.size; ++i) whole[i] += each[k][i] / seeds;
       }
       // Segments in which a derivative is mostly noise are left out.
       std::vector<double> signal(segments().size(), 0), noise(segments().size(), 0);
       for (const auto& block : layout_.blocks)
         for (int i = block.offset; i < block.offset + block.size; ++i) {
-          signal[block.segment] += static_cast<double>(whole[p][i]) * whole[p][i];
-          for (const auto& d : each[p])
-            noise[block.segment] += std::pow(d[i] - whole[p][i], 2) / (seeds * (seeds - 1.0));
+          signal[block.segment] += static_cast<double>(whole[i]) * whole[i];
+          for (const auto& d : each) noise[block.segment] += std::pow(d[i] - whole[i], 2) / (seeds * (seeds - 1.0));
         }
-      for (const auto& block : layout_.blocks)
+      for (const auto& block : layout_.blocks) {
         if (noise[block.segment] < (1 - least_signal) * signal[block.segment])
-          std::copy_n(whole[p].begin() + block.offset, block.size, result_.jacobian[p].begin() + block.offset);
-      applied[p] = result_.metric.apply(result_.jacobian[p]);
-    });
-    const auto counted = [&](const Whitened& like, const Whitened& all) {
-      Whitened part = all;
-      for (std::size_t i = 0; i < part.size(); ++i)
-        if (like[i] == 0) part[i] = 0;
-      return part;
-    };
-    for (int p : asked)
-      for (int q : asked) result_.information(p, q) = seeds * seeds * dot(applied[p], whole[q]);
-    std::vector<MatrixXd> own(seeds, MatrixXd::Zero(n, n));
-    parallel_for(seeds, [&](int k) {
-      for (int p : asked) {
-        const Whitened part = result_.metric.apply(counted(result_.jacobian[p], each[p][k]));
-        for (int q : asked) own[k](p, q) = dot(part, each[q][k]);
+          std::copy_n(whole.begin() + block.offset, block.size, result_.jacobian[p].begin() + block.offset);
+        else
+          for (auto& d : each) std::fill_n(d.begin() + block.offset, block.size, 0.f);
+      }
+      freed_[p] = result_.metric.apply(result_.jacobian[p]);
+      for (const auto& d : each) {
+        freed[p].push_back(result_.metric.apply(d));
+        curved[p].push_back(pull.curved(d, freed[p].back()));
       }
     });
-    for (const auto& o : own) result_.information -= o;
-    result_.information /= seeds * (seeds - 1.0);
-    result_.information = (0.5 * (result_.information + result_.information.transpose())).eval();
-    MatrixXd together = MatrixXd::Zero(n, n);
-    for (int p : asked)
-      for (int q : asked) together(p, q) = dot(applied[p], result_.jacobian[q]);
+    result_.information = unbiased_products(curved, freed);
+    MatrixXd together = products_of_means(curved, freed);
     for (int p = 0; p < n; ++p)
-      if (applied[p].empty() || result_.information(p, p) < least_signal * together(p, p)) {
+      if (result_.information(p, p) <= least_signal * together(p, p)) {
         result_.information.row(p).setZero(), result_.information.col(p).setZero();
         together.row(p).setZero(), together.col(p).setZero();
         std::fill(result_.jacobian[p].begin(), result_.jacobian[p].end(), 0.f);
+        std::fill(freed_[p].begin(), freed_[p].end(), 0.f);
       }
-    // Direction by direction; where even that is mostly noise, no less than a tenth of what it seems.
     VectorXd scale(n);
     for (int p = 0; p < n; ++p) scale[p] = prior_deviation(priors_[p]);
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> directions(scale.asDiagonal() * together * scale.asDiagonal());
-    const MatrixXd axes = scale.cwiseInverse().asDiagonal() * directions.eigenvectors();
-    const MatrixXd ends = scale.asDiagonal() * directions.eigenvectors();
-    VectorXd squares(n);
-    for (int d = 0; d < n; ++d)
-      squares[d] = std::max(ends.col(d).dot(result_.information * ends.col(d)), 0.1 * directions.eigenvalues()[d]);
-    result_.information = axes * squares.asDiagonal() * axes.transpose();
-    for (int p = 0; p < n; ++p)
-      if (together(p, p) == 0) result_.information.row(p).setZero(), result_.information.col(p).setZero();
+    result_.information = positive_products(result_.information, together, scale);
   }
 
   /// Solves slope * delta = pull; where a bound stops a parameter short, the others are solved for again with it there.
@@ -229,6 +207,7 @@ class Step {
   const std::vector<FitParameter>& priors_;
   const bool series_;
   const std::uint64_t seed_;
+  std::vector<Whitened> freed_;  // the jacobian, nuisances taken out
   LastStep result_;
 };
 

@@ -76,6 +76,24 @@ Whitened Metric::apply(const Whitened& v) const {
   return result;
 }
 
+Whitened Metric::apply(const Whitened& v, std::vector<double>& values) const {
+  Whitened result(size_, 0.f);
+  for (const auto& [begin, end] : spans_) std::copy(v.begin() + begin, v.begin() + end, result.begin() + begin);
+  values.assign(row_count_, 0);
+  project(result, &values, nullptr);
+  return result;
+}
+
+double Metric::prior_product(const std::vector<double>& a, const std::vector<double>& b) const {
+  double sum = 0;
+  for (const auto& group : groups_)
+    for (const int row : group.rows) sum += a[row] * b[row];
+  for (std::size_t k = 0; k < global_index_.size(); ++k)
+    for (std::size_t l = 0; l < global_index_.size(); ++l)
+      sum += a[global_index_[k]] * prior_(static_cast<int>(k), static_cast<int>(l)) * b[global_index_[l]];
+  return sum;
+}
+
 std::vector<double> Metric::estimate(const Whitened& y) const { return explain(y).values; }
 
 double Metric::project(Whitened& rest, std::vector<double>* values, Eigen::VectorXd* global) const {

@@ -38,6 +38,10 @@ class Metric {
 
   /// Q v, zero in captures that do not count.
   Whitened apply(const Whitened& v) const;
+  /// The same, with the nuisances' values that it takes out.
+  Whitened apply(const Whitened& v, std::vector<double>& values) const;
+  /// What the nuisances' prior makes of values of theirs: with it, Qv . Qw + prior_product is v . Qw.
+  double prior_product(const std::vector<double>& a, const std::vector<double>& b) const;
   /// Most probable values of the nuisances given y, in the order of the rows given (pose rows of captures that do not
   /// count: 0).
   std::vector<double> estimate(const Whitened& y) const;

@@ -4,10 +4,12 @@
 #include <cmath>
 #include <iterator>
 
+#include <fmt/format.h>
 #include <Eigen/Cholesky>
 
 #include "core/parallel.h"
 #include "core/random.h"
+#include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
@@ -81,6 +83,8 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     return needs.power_on || needs.repeats || needs.motion;
   });
   const StatVector& few = measured.at(short_frames, !series);
+  for (const FitParameter& p : options.narrow)
+    if (start.find(p.id)) parameters.push_back(p);
   // Again and again: the spread that the fit is weighted with is the model's own and changes with it.
   for (int pass = 0; pass < options.passes; ++pass) {
     rung.standard =
@@ -112,9 +116,9 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     const Metric metric(layout, Part::train, rows);
     rung.fit = fit_model(experiment, rung.standard, metric, rung.standard.linear(few), rung.model, parameters,
                          rung.offsets, fit);
+    parameters = rung.fit.parameters;
     if (pass + 1 == options.passes) {  // a last step with all frames
-      const std::vector<Whitened> slopes = rung.fit.slopes;
-      fit.slopes = &slopes;
+      fit.nearby = &rung.fit;
       fit.most_frames = 0;
       fit.iterations = 0;
       fit.scan_ids.clear();
@@ -189,7 +193,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
 
   const int n = static_cast<int>(rung.fit.parameters.size());
   for (int p = 0; p < n; ++p) {
-    NuisanceRow row{rung.fit.jacobian[p], -1};
+    NuisanceRow row{rung.fit.slopes[p], -1};
     for (float& v : row.change) v *= static_cast<float>(rung.fit.parameters[p].prior_sigma);
     rows.push_back(std::move(row));
   }
@@ -208,8 +212,14 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   if (const double count = static_cast<double>(rung.nulls.size()); count > 1)
     rung.fit.scatter = ((square - sum.cwiseProduct(sum) / count) / (count - 1)).cwiseMax(0).cwiseSqrt();
   rung.dispersion = dispersion_of(rung, rung.train);
+  if (tracing()) {
+    for (const FitParameter& p : rung.fit.parameters)
+      fmt::print(stderr, " {}.{} {:.4g}", p.id, p.name, rung.model.find(p.id)->value(p.name));
+    fmt::print(stderr, "\n");
+  }
   Remains remains = remains_of(rung, rung.data, rung.place);
   rung.rest = std::move(remains.rest);
+  rung.nuisances = std::move(remains.nuisances);
   rung.train_poses = remains.train_poses;
   rung.test_poses = remains.test_poses;
   return rung;
@@ -219,7 +229,7 @@ Remains remains_of(const Rung& rung, const Whitened& difference, const std::vect
   Explained train = rung.train.explain(difference, place);
   const Explained test = rung.test.explain(difference, place, train.global);
   for (std::size_t i = 0; i < train.rest.size(); ++i) train.rest[i] += test.rest[i];  // one of them is 0
-  return {std::move(train.rest), train.local_square, test.local_square};
+  return {std::move(train.rest), std::move(train.values), train.local_square, test.local_square};
 }
 
 }  // namespace binrig

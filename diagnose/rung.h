@@ -19,6 +19,7 @@ struct Rung {
   std::vector<double> place;            ///< of the nuisances at `offsets`, see Metric::explain
   Whitened data;                        ///< y of the measurement, not compressed
   Whitened rest;                        ///< what the nuisances leave of it, compressed, train and test
+  std::vector<double> nuisances;        ///< of train.explain: where nuisances stand, from the prior's centre
   double train_poses = 0, test_poses = 0;  ///< Remains
   double dispersion = 1;                   ///< mean square of the residual on train over that of the nulls, at least 1
 };
@@ -27,9 +28,10 @@ struct RungOptions {
   int simulations = 48;
   int pose_draws = 12;  ///< different random registrations among the simulations
   int passes = 2, iterations = 8;
-  std::string added;               ///< id of the effect that this model has and the one before had not
-  bool scan_ranges = false;        ///< periods and steps are sought over their whole typical ranges
-  std::vector<std::string> fixed;  ///< parameters, by id.name, that stay as they are
+  std::string added;                 ///< id of the effect that this model has and the one before had not
+  bool scan_ranges = false;          ///< periods and steps are sought over their whole typical ranges
+  std::vector<FitParameter> narrow;  ///< of effects added before; fitted like the others
+  std::vector<std::string> fixed;    ///< parameters, by id.name, that stay as they are
   std::uint64_t seed = 1;
 };
 
@@ -37,6 +39,7 @@ struct RungOptions {
 /// nuisances are found on train and carried over.
 struct Remains {
   Whitened rest;                           ///< train and test, compressed
+  std::vector<double> nuisances;           ///< on train
   double train_poses = 0, test_poses = 0;  ///< Explained::local_square
 };
 Remains remains_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place);

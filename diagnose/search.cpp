@@ -5,8 +5,11 @@
 #include <map>
 #include <numeric>
 
+#include <fmt/format.h>
+
 #include "core/error.h"
 #include "diagnose/anew.h"
+#include "diagnose/trace.h"
 #include "diagnose/unit_map.h"
 
 namespace binrig {
@@ -59,6 +62,44 @@ Remainder registered_remainder(const Experiment& experiment, const std::vector<S
   return remainder_of(experiment, rung, model, places.offsets, places.values, options);
 }
 
+/// Where a hypothesis has a period and a phase, its best ones: what the signatures say of them is of a few periods
+/// only. Simulated are the captures in which its signatures change most.
+LinearGain with_period(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
+                       const LinearGain& start, const std::vector<Signature>& signatures,
+                       const SearchOptions& options) {
+  Hypotheses close;
+  // So close that neighbours differ by one period across the image.
+  close.tested.push_back(by_period(hypothesis, start.values, experiment.nominal(0).depth_mm.cols / 4));
+  if (close.tested[0].paths.empty()) return start;
+  std::vector<double> power(experiment.layout().captures, 0);
+  for (const Signature& signature : signatures) {
+    if (signature.hypothesis != start.hypothesis) continue;
+    const Whitened change = rung.standard.difference(signature.change);
+    for (const Block& block : experiment.layout().blocks)
+      for (int i = block.offset; i < block.offset + block.size; ++i)
+        power[block.capture] += static_cast<double>(change[i]) * change[i];
+  }
+  SignatureOptions few;
+  few.seeds = 1;
+  few.most_frames = 2;
+  few.seed = options.seed + 20;
+  few.shared = false;
+  for (int k = 0; k < 3; ++k) {
+    const auto most = std::max_element(power.begin(), power.end());
+    few.only.push_back(static_cast<int>(most - power.begin()));
+    *most = -1;
+  }
+  SignatureBook book(experiment, rung.model, close, few);
+  book.look_at({0}, false);
+  LinearGain found = Ranking(experiment, rung, close, book.signatures()).gains(rung.rest, rung.nuisances)[0];
+  if (tracing()) {
+    fmt::print(stderr, "  {}:", hypothesis.effect);
+    for (const auto& [name, value] : found.values) fmt::print(stderr, " {} {:.4g}", name, value);
+    fmt::print(stderr, " gain {:.0f} in {} captures\n", found.gain, few.only.size());
+  }
+  return found.gain > 0 ? found : start;
+}
+
 Refined refine(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                const Measurement& measured, const Hypothesis& hypothesis, const LinearGain& start,
                const SearchOptions& options) {
@@ -93,15 +134,15 @@ Refined refine(const Experiment& experiment, const std::vector<SceneMotion>& mot
   fit.motions = &motions;
   const Whitened few = rung.standard.linear(measured.at(fit.most_frames, fit.shorten_series));
   refined.fit = fit_model(experiment, rung.standard, rung.train, few, model, parameters, places.offsets, fit);
-  if (!parameters.empty()) {  // a last step with all frames
+  if (!refined.fit.parameters.empty()) {  // a last step with all frames
     const Fit first = std::move(refined.fit);
-    fit.slopes = &first.slopes;
+    fit.nearby = &first;
     fit.place = first.place;
     fit.most_frames = 0;
     fit.iterations = 0;
     fit.scan_ids.clear();
     refined.fit =
-        fit_model(experiment, rung.standard, rung.train, rung.data, first.model, parameters, first.offsets, fit);
+        fit_model(experiment, rung.standard, rung.train, rung.data, first.model, first.parameters, first.offsets, fit);
   }
   refined.model = refined.fit.model;
   return refined;
@@ -135,7 +176,8 @@ class Search {
     base_ = registered_remainder(experiment_, motions_, rung_, rung_.model, options_);
     refine_shortlist();
     // Signatures are of the model as given, without what was added to it since.
-    if (left_ > options_.astray && rung_.model.effects.size() == book_.model().effects.size()) look_again();
+    const double astray = result_.accepted(options_).empty() ? options_.unexplained : options_.astray;
+    if (left_ > astray && rung_.model.effects.size() == book_.model().effects.size()) look_again();
     std::sort(result_.refined.begin(), result_.refined.end(),
               [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
     return std::move(result_);
@@ -167,13 +209,14 @@ class Search {
   /// Gains of all hypotheses, on the data and on recordings in which nothing is missing.
   void hold_signatures_against_residual() {
     const Ranking ranking(experiment_, rung_, hypotheses_, signatures_);
-    result_.linear = ranking.gains(rung_.rest);
+    result_.linear = ranking.gains(rung_.rest, rung_.nuisances);
     learn_unit_maps();
     for (const auto& [h, gain] : map_gains_) result_.linear[h].gain += gain.train;
     result_.null_gains.resize(count_);
     for (const auto& null : rung_.nulls) {
-      const Whitened rest = rung_.train.explain(null).rest;
-      auto gains = ranking.gains(rest);
+      const Explained explained = rung_.train.explain(null);
+      const Whitened& rest = explained.rest;
+      auto gains = ranking.gains(rest, explained.values);
       for (const auto& [h, map] : maps_) gains[h].gain += map.gain(rest, rest).train;
       for (int h = 0; h < count_; ++h) result_.null_gains[h].push_back(gains[h].gain);
     }
@@ -240,7 +283,10 @@ class Search {
     refined.gate = own_gate_[h];
     refined.p = result_.p_values[h];
     refined.random_map = !maps_.count(h) || map_gains_.count(h);
-    const Remainder with = registered_remainder(experiment_, motions_, rung_, refined.model, options_);
+    SearchOptions options = options_;
+    if (hypotheses_.tested[h].declaration->needs.repeats)
+      options.seeds = 4 * options_.seeds;  // it happens, or does not
+    const Remainder with = registered_remainder(experiment_, motions_, rung_, refined.model, options);
     refined.train_gain = (base_.train - with.train + map_gain(h).train) / rung_.dispersion;
     refined.test_gain = (base_.test - with.test + map_gain(h).test) / rung_.dispersion;
     refined.change = with.mean;
@@ -258,7 +304,9 @@ class Search {
       const bool to_be_scanned = std::any_of(parameters.begin(), parameters.end(),
                                              [](const ParameterSpec& spec) { return !spec.interpolate; });
       if (gain < (to_be_scanned ? 0.5 : 1) * options_.hopeless * most_explained) continue;
-      judge(refine(experiment_, motions_, rung_, measured_, hypotheses_.tested[h], result_.linear[h], options_), h);
+      const Hypothesis& hypothesis = hypotheses_.tested[h];
+      const LinearGain start = with_period(experiment_, rung_, hypothesis, result_.linear[h], signatures_, options_);
+      judge(refine(experiment_, motions_, rung_, measured_, hypothesis, start, options_), h);
       most_explained = std::max(most_explained, result_.refined.back().train_gain * rung_.dispersion);
     }
   }

@@ -31,7 +31,8 @@ struct SearchOptions {
                           ///< what the best does
   int seeds = 2;
   std::uint64_t seed = 501;
-  double astray = 3;           ///< dispersion beyond which, if nobody explains it, hypotheses are fitted anew
+  double astray = 3;           ///< dispersion beyond which, whoever explains it, hypotheses are fitted anew,
+  double unexplained = 1.15;   ///< and beyond which if nobody does
   int anew = 2;                ///< so many
   double least_test_gain = 9;  ///< three standard deviations of an effect that is known
   double least_train_gain = 16;

@@ -24,20 +24,18 @@ struct Place {
 StatVector shrunk_change(const Layout& layout, const std::vector<float>& spread, const std::vector<StatVector>& with,
                          const std::vector<StatVector>& without) {
   const int k = static_cast<int>(with.size());
+  std::vector<StatVector> changes = with;
+  for (int j = 0; j < k; ++j)
+    for (int i = 0; i < layout.size; ++i) changes[j][i] -= without[j][i];
+  fill_unknown(layout, changes, true);
   StatVector mean(layout.size, 0.f);
   std::vector<float> scatter(layout.size, 0.f);
   for (int i = 0; i < layout.size; ++i) {
-    if (spread[i] == 0) continue;
+    if (spread[i] == 0 || std::isnan(changes[0][i])) continue;
     float sum = 0, square = 0;
-    int n = 0;
-    for (int s = 0; s < k; ++s) {
-      const float d = with[s][i] - without[s][i];
-      if (std::isnan(d)) continue;
-      sum += d, square += d * d, ++n;
-    }
-    if (n == 0) continue;
-    mean[i] = sum / n;
-    scatter[i] = n > 1 ? std::max(0.f, (square - sum * sum / n) / (n * (n - 1.f))) : 0.f;
+    for (const StatVector& change : changes) sum += change[i], square += change[i] * change[i];
+    mean[i] = sum / k;
+    scatter[i] = k > 1 ? std::max(0.f, (square - sum * sum / k) / (k * (k - 1.f))) : 0.f;
   }
   std::vector<double> signal(segments().size(), 0), noise(segments().size(), 0);
   for (const auto& block : layout.blocks)
@@ -102,8 +100,9 @@ SignatureBook::SignatureBook(const Experiment& experiment, SensorModel model, co
   constexpr int for_spread = 6;
   for (const bool series : {false, true}) {
     std::vector<Trial> trials;
-    for (int s = 0; s < (series ? for_spread : options.seeds); ++s) trials.push_back(trial(model_, s, series));
-    without_[series] = experiment.simulate(trials, "simulating what effects would change", true);
+    for (int s = 0; s < (series ? std::max(for_spread, options.rare_seeds) : options.seeds); ++s)
+      trials.push_back(trial(model_, s, series));
+    without_[series] = experiment.simulate(trials, "simulating what effects would change", options_.shared);
   }
   spread_ = Standard(experiment.layout(), StatVector(experiment.layout().size, 0.f), without_[true]).spread();
 }
@@ -111,6 +110,7 @@ SignatureBook::SignatureBook(const Experiment& experiment, SensorModel model, co
 Trial SignatureBook::trial(const SensorModel& model, int seed, bool series) const {
   Trial t{model, {}, options_.seed + static_cast<std::uint64_t>(seed), Part::train, options_.most_frames};
   t.shorten_series = !series;
+  t.only = options_.only;
   return t;
 }
 
@@ -143,11 +143,13 @@ void SignatureBook::look_at(const std::vector<int>& hypotheses, bool detail) {
       const SensorModel extended = with_effect(model_, catalogue, hypothesis.effect,
                                                hypothesis.paths[places[i].path].atoms[places[i].atom].values);
       begins.push_back(static_cast<long>(trials.size()));
-      const int seeds = hypothesis.paths[places[i].path].one_of_many ? 1 : options_.seeds;
+      const int seeds = hypothesis.paths[places[i].path].one_of_many ? 1
+                        : needs.repeats                              ? options_.rare_seeds
+                                                                     : options_.seeds;
       for (int s = 0; s < seeds; ++s) trials.push_back(trial(extended, s, series.back()));
     }
     begins.push_back(static_cast<long>(trials.size()));
-    const auto with = experiment_.simulate(trials, "simulating what effects would change", true);
+    const auto with = experiment_.simulate(trials, "simulating what effects would change", options_.shared);
     parallel_for(last - first, [&](int i) {
       const std::vector<StatVector> own(with.begin() + begins[i], with.begin() + begins[i + 1]);
       found[first + i] = {places[first + i].hypothesis, places[first + i].path, places[first + i].atom,
@@ -162,13 +164,13 @@ void SignatureBook::look_at(const std::vector<int>& hypotheses, bool detail) {
 
 Ranking::Ranking(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
                  const std::vector<Signature>& signatures)
-    : hypotheses_(hypotheses), rows_(signatures.size()) {
-  std::vector<Whitened> applied(signatures.size());  // Q g
+    : hypotheses_(hypotheses), metric_(rung.train), rows_(signatures.size()) {
   parallel_for(static_cast<int>(signatures.size()), [&](int i) {
     const Signature& s = signatures[i];
-    rows_[i] = {s.hypothesis, s.path, s.atom, rung.standard.difference(s.change)};
+    rows_[i] = {s.hypothesis, s.path, s.atom, {}, {}};
+    // Nuisances first: what a pose makes up for is large, and squeezed it would look like something else.
+    rows_[i].change = metric_.apply(rung.standard.difference(s.change), rows_[i].nuisances);
     compress(rows_[i].change);
-    applied[i] = rung.train.apply(rows_[i].change);
   });
   for (int i = 0; i < static_cast<int>(rows_.size()); ++i) {
     if (paths_.empty() || paths_.back().hypothesis != rows_[i].hypothesis || paths_.back().path != rows_[i].path)
@@ -182,7 +184,7 @@ Ranking::Ranking(const Experiment& experiment, const Rung& rung, const Hypothese
     path.gram.resize(n, n);
     for (int a = 0; a < n; ++a)
       for (int b = 0; b <= a; ++b)
-        path.gram(a, b) = path.gram(b, a) = dot(applied[path.rows[a]], rows_[path.rows[b]].change);
+        path.gram(a, b) = path.gram(b, a) = product(rows_[path.rows[a]], rows_[path.rows[b]]);
     const int of = hypotheses.tested[path.hypothesis].paths[path.path].quadrature_of;
     if (of < 0) continue;
     const auto& other = *std::find_if(paths_.begin(), paths_.end(), [&](const PathData& p) {
@@ -191,11 +193,15 @@ Ranking::Ranking(const Experiment& experiment, const Rung& rung, const Hypothese
     cross_[k].resize(other.rows.size(), n);
     for (std::size_t a = 0; a < other.rows.size(); ++a)
       for (int b = 0; b < n; ++b)
-        cross_[k](static_cast<int>(a), b) = dot(applied[other.rows[a]], rows_[path.rows[b]].change);
+        cross_[k](static_cast<int>(a), b) = product(rows_[other.rows[a]], rows_[path.rows[b]]);
   }
 }
 
-std::vector<LinearGain> Ranking::gains(const Whitened& rest) const {
+double Ranking::product(const Row& a, const Row& b) const {
+  return dot(a.change, b.change) + metric_.prior_product(a.nuisances, b.nuisances);
+}
+
+std::vector<LinearGain> Ranking::gains(const Whitened& rest, const std::vector<double>& nuisances) const {
   std::vector<LinearGain> result(hypotheses_.tested.size());
   for (std::size_t h = 0; h < result.size(); ++h) {
     result[h].hypothesis = static_cast<int>(h);
@@ -203,7 +209,9 @@ std::vector<LinearGain> Ranking::gains(const Whitened& rest) const {
       result[h].values = hypotheses_.tested[h].paths[0].atoms[0].values;
   }
   std::vector<double> projection(rows_.size());
-  parallel_for(static_cast<int>(rows_.size()), [&](int i) { projection[i] = dot(rows_[i].change, rest); });
+  parallel_for(static_cast<int>(rows_.size()), [&](int i) {
+    projection[i] = dot(rows_[i].change, rest) + metric_.prior_product(rows_[i].nuisances, nuisances);
+  });
   for (std::size_t k = 0; k < paths_.size(); ++k) {
     const auto& path = paths_[k];
     const Hypothesis& hypothesis = hypotheses_.tested[path.hypothesis];

@@ -17,8 +17,11 @@ struct Signature {
 
 struct SignatureOptions {
   int seeds = 2;
+  int rare_seeds = 8;  ///< of effects that happen to a frame or do not
   int most_frames = 3;
   std::uint64_t seed = 7001;
+  std::vector<int> only;  ///< these captures; empty = all of train
+  bool shared = true;     ///< the model does not depend on what was measured
 };
 
 /// The model that signatures are made of: `given` with the strength of its noise (amplitudes on a logarithmic scale)
@@ -60,18 +63,19 @@ struct LinearGain {
   std::map<std::string, double> values;  ///< parameters at the best place, to start a refinement from
 };
 
-/// Whitened signatures under a rung, ready to be held against many residuals.
+/// Whitened signatures under a rung (which must outlive it), ready to be held against many residuals.
 class Ranking {
  public:
   Ranking(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
           const std::vector<Signature>& signatures);
-  /// One entry a hypothesis, in their order. `rest`: of Metric::explain on train.
-  std::vector<LinearGain> gains(const Whitened& rest) const;
+  /// One entry a hypothesis, in their order. `rest` and `nuisances`: of Metric::explain on train.
+  std::vector<LinearGain> gains(const Whitened& rest, const std::vector<double>& nuisances) const;
 
  private:
   struct Row {
     int hypothesis, path, atom;
-    Whitened change;
+    Whitened change;                // nuisances taken out, compressed
+    std::vector<double> nuisances;  // that were taken out
   };
   struct PathData {
     int hypothesis, path;
@@ -81,7 +85,10 @@ class Ranking {
   LinearGain best_on(const PathData& path, const Eigen::VectorXd& projection, const PathData* quarter,
                      const Eigen::VectorXd& quarter_projection) const;
 
+  double product(const Row& a, const Row& b) const;
+
   const Hypotheses& hypotheses_;
+  const Metric& metric_;
   std::vector<Row> rows_;
   std::vector<PathData> paths_;
   std::vector<Eigen::MatrixXd> cross_;  // of a path with its quarter-period companion, by path

@@ -113,7 +113,7 @@ Standard::Standard(const Layout& layout, const StatVector& measured, const std::
   double total = 0, number = 0;
   for (int r = 0; r < rings; ++r)
     if (ring_count[r] > 0) total += ring_power[r], number += ring_count[r];
-  if (number > 0)
+  if (total > 0)  // else the model has no noise
     for (int r = 0; r < rings; ++r) {
       const double relative = ring_count[r] > 0 ? ring_power[r] / ring_count[r] / (total / number) : 1;
       ring_gain_[r] = static_cast<float>(1 / std::sqrt(std::clamp(relative, 0.1, 10.0)));
@@ -158,6 +158,12 @@ Whitened Standard::standardise(const StatVector& statistics) const {
 void compress(Whitened& residual) {
   for (float& v : residual)
     if (std::abs(v) > 0.5f) v = compression * std::asinh(v / compression);  // below, 1e-3 of it
+}
+
+void uncompress(Whitened& residual) {
+  const float from = compression * std::asinh(0.5f / compression);
+  for (float& v : residual)
+    if (std::abs(v) > from) v = compression * std::sinh(v / compression);
 }
 
 float compression_slope(float compressed) { return 1.f / std::cosh(compressed / compression); }

@@ -23,6 +23,7 @@ class Standard {
            const std::vector<StatVector>& known_shift = {});
 
   bool empty() const { return mean_.empty(); }
+  const Layout& layout() const { return *layout_; }
   /// y of a recording: whitened difference to the mean. Unknown elements are 0.
   Whitened linear(const StatVector& statistics) const;
   /// The same, compressed.
@@ -45,6 +46,7 @@ class Standard {
 
 /// 8 asinh(r / 8), element by element: no single segment outvotes all others.
 void compress(Whitened& residual);
+void uncompress(Whitened& residual);  ///< its inverse
 /// The slope of that, by which derivatives are multiplied.
 float compression_slope(float compressed);
 

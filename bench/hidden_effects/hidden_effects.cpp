@@ -57,6 +57,7 @@ int run(int argc, char** argv) {
       ->delimiter(',')
       ->check(CLI::IsMember({"weak", "medium", "strong"}));
   app.add_option("--seeds", plan.seeds, "recordings of each effect and strength");
+  app.add_option("--first", plan.first_seed, "of those, and of recordings with nothing hidden");
   app.add_option("--none", plan.none, "recordings with nothing hidden");
   app.add_option("--pairs", plan.pairs, "recordings with two effects");
   app.add_option("--outside", plan.outside, "recordings with effects that the catalogue does not have");

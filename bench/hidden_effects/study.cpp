@@ -37,11 +37,12 @@ std::vector<Case> cases_of(const Plan& plan) {
   const std::vector<std::string> names = plan.effects.empty() ? catalogue_names() : plan.effects;
   const std::vector<std::string> outsiders = outsider_names();
   std::vector<Case> cases;
-  for (int seed = 1; seed <= plan.seeds; ++seed)
+  for (int seed = plan.first_seed; seed < plan.first_seed + plan.seeds; ++seed)
     for (const Strength strength : plan.strengths)
       for (const std::string& name : names)
         cases.push_back({"one", {name}, strength, static_cast<std::uint64_t>(seed)});
-  for (int k = 1; k <= plan.none; ++k) cases.push_back({"none", {}, Strength::medium, static_cast<std::uint64_t>(k)});
+  for (int k = plan.first_seed; k < plan.first_seed + plan.none; ++k)
+    cases.push_back({"none", {}, Strength::medium, static_cast<std::uint64_t>(k)});
   for (int k = 0; k < plan.pairs; ++k) {
     Dice dice(RandomStream(4711).child(static_cast<std::uint64_t>(k)));
     const auto a = static_cast<std::size_t>(dice.uniform() * names.size());

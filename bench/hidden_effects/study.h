@@ -23,6 +23,7 @@ struct Case {
 struct Plan {
   std::vector<std::string> effects;  ///< empty: the whole catalogue
   std::vector<Strength> strengths{Strength::medium};
+  int first_seed = 1;
   int seeds = 1;  ///< of each effect and strength
   int none = 0, pairs = 0, outside = 0;
 };

@@ -34,12 +34,15 @@ class Time : public Statistic {
   }
 
   void add(const ObservedFrame& observed) override {
+    ++frames_;
     whole_frame(observed);
     if (past_[0].residual.data) pairs(observed);
     past_[2] = past_[1];
     past_[1] = past_[0];
     past_[0] = {observed.residual_mm, observed.used, observed.measured, observed.channels->depth_mm};
   }
+
+  void repeat() override { ++left_out_; }
 
   RawStatistic finish() override {
     raw_.cols = value_count;
@@ -65,7 +68,8 @@ class Time : public Statistic {
     for (int lag = 2; lag <= 3; ++lag)
       if (lag_count_[lag] > 1000 && lag_count_[1] > 1000 && lag_sum_[1] > 0)
         set(lag_2 + lag - 2, (lag_sum_[lag] / lag_count_[lag]) / (lag_sum_[1] / lag_count_[1]), lag_count_[lag]);
-    if (n >= 2) set(repeated, static_cast<double>(repeats_) / (n - 1), n - 1);
+    const int all = frames_ + left_out_;
+    if (all >= 2) set(repeated, static_cast<double>(repeats_ + left_out_) / (all - 1), all - 1);
     if (row_count_ > 0) set(row_variance, row_sum_ / row_count_, row_count_);
     if (column_count_ > 0) set(column_variance, column_sum_ / column_count_, column_count_);
     if (holes_ > 200) set(holes_stay, holes_stay_ / holes_, holes_);
@@ -187,7 +191,7 @@ class Time : public Statistic {
   std::array<Past, 3> past_;
   std::vector<double> mean_, tilt_x_, tilt_y_;
   double lag_sum_[4] = {}, lag_count_[4] = {};
-  int repeats_ = 0;
+  int frames_ = 0, repeats_ = 0, left_out_ = 0;
   double row_sum_ = 0, row_count_ = 0, column_sum_ = 0, column_count_ = 0;
   double holes_ = 0, holes_stay_ = 0, changes_ = 0, counted_ = 0, motion_product_ = 0, motion_square_ = 0;
   RawStatistic raw_;

@@ -1,0 +1,64 @@
+#include "diagnose/slopes.h"
+
+#include <algorithm>
+
+#include <Eigen/Eigenvalues>
+
+#include "core/parallel.h"
+
+namespace binrig {
+
+using Eigen::MatrixXd;
+
+Pull::Pull(const Whitened& rest) : direct_(rest), bent_(rest.size()), lost_(rest.size()) {
+  uncompress(direct_);
+  for (std::size_t i = 0; i < rest.size(); ++i) {
+    const float slope = compression_slope(rest[i]);
+    bent_[i] = slope * rest[i] - direct_[i];
+    lost_[i] = 1 - slope * slope;
+  }
+}
+
+Whitened Pull::curved(const Whitened& slope, const Whitened& freed) const {
+  Whitened result = slope;
+  for (std::size_t i = 0; i < result.size(); ++i) result[i] -= lost_[i] * freed[i];
+  return result;
+}
+
+namespace {
+
+/// Sums over seeds k, l of left . right, of all or of different ones, divided by their number.
+MatrixXd products(const SeedSlopes& left, const SeedSlopes& right, bool same_seed) {
+  const int n = static_cast<int>(left.size());
+  int seeds = 1;
+  for (const auto& of : left) seeds = std::max(seeds, static_cast<int>(of.size()));
+  MatrixXd result = MatrixXd::Zero(n, n);
+  parallel_for(n, [&](int p) {
+    for (int q = 0; q < n; ++q)
+      for (std::size_t k = 0; k < left[p].size(); ++k)
+        for (std::size_t l = 0; l < right[q].size(); ++l)
+          if (same_seed || k != l) result(p, q) += dot(left[p][k], right[q][l]);
+  });
+  return (result + result.transpose()) / (2.0 * seeds * (same_seed ? seeds : std::max(1, seeds - 1)));
+}
+
+}  // namespace
+
+MatrixXd products_of_means(const SeedSlopes& left, const SeedSlopes& right) { return products(left, right, true); }
+
+MatrixXd unbiased_products(const SeedSlopes& left, const SeedSlopes& right) { return products(left, right, false); }
+
+MatrixXd positive_products(const MatrixXd& unbiased, const MatrixXd& together, const Eigen::VectorXd& scale) {
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> directions(scale.asDiagonal() * together * scale.asDiagonal());
+  const MatrixXd axes = scale.cwiseInverse().asDiagonal() * directions.eigenvectors();
+  const MatrixXd ends = scale.asDiagonal() * directions.eigenvectors();
+  Eigen::VectorXd squares(scale.size());
+  for (int d = 0; d < squares.size(); ++d)
+    squares[d] = std::max(ends.col(d).dot(unbiased * ends.col(d)), 0.1 * directions.eigenvalues()[d]);
+  MatrixXd result = axes * squares.asDiagonal() * axes.transpose();
+  for (int p = 0; p < squares.size(); ++p)
+    if (together(p, p) == 0) result.row(p).setZero(), result.col(p).setZero();
+  return result;
+}
+
+}  // namespace binrig

@@ -1,0 +1,46 @@
+// What derivatives that carry the noise of a few simulations say together.
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "diagnose/metric.h"
+
+namespace binrig {
+
+/// Derivatives by parameter, each once a seed.
+using SeedSlopes = std::vector<std::vector<Whitened>>;
+
+/// How chi pulls at a parameter with derivative J. Nuisances are taken out of a residual, then it is compressed: what
+/// is left, v = compress(u), changes by v' (QJ), and the nuisances' own prior by what Q took out of J. With the prior's
+/// part, chi's gradient is -2 (J . u + QJ . (v v' - u)).
+class Pull {
+ public:
+  /// `rest`: of Metric::explain.
+  explicit Pull(const Whitened& rest);
+  const Whitened& direct() const { return direct_; }  ///< u
+  /// Minus half of chi's gradient; `direct`: u, or one from which a simulation's own noise was taken.
+  double along(const Whitened& direct, const Whitened& slope, const Whitened& freed) const {
+    return dot(slope, direct) + dot(freed, bent_);
+  }
+  /// Its inner product with another parameter's QJ is half of chi's second derivative.
+  Whitened curved(const Whitened& slope, const Whitened& freed) const;
+
+ private:
+  Whitened direct_, bent_, lost_;  // lost_: 1 - v'^2
+};
+
+/// Inner products of the parameters' mean derivatives, one factor left and one right of them.
+Eigen::MatrixXd products_of_means(const SeedSlopes& left, const SeedSlopes& right);
+/// The same, taken only between derivatives of different seeds: their own noise must not pass for information, or a
+/// direction in which parameters make up for each other would look short, and steps along it would stop half way. A
+/// parameter without derivatives has zeros. Needs two seeds.
+Eigen::MatrixXd unbiased_products(const SeedSlopes& left, const SeedSlopes& right);
+
+/// Makes unbiased products positive: direction by direction (parameters in units of `scale`), no less than a tenth of
+/// what they seem to be in `together`, the products of the means. Rows and columns of zeros in `together` stay zeros.
+Eigen::MatrixXd positive_products(const Eigen::MatrixXd& unbiased, const Eigen::MatrixXd& together,
+                                  const Eigen::VectorXd& scale);
+
+}  // namespace binrig
