@@ -10,6 +10,8 @@
 #include <fmt/format.h>
 #include <opencv2/core/mat.hpp>
 
+#include "compare/probability.h"
+#include "diagnose/last_step.h"
 #include "diagnose/plausibility.h"
 #include "diagnose/score.h"
 #include "diagnose/screen.h"
@@ -19,6 +21,8 @@ namespace binrig {
 namespace {
 
 constexpr double far_from_done = 1.3;       // dispersion
+constexpr double close_behind = 0.9;        // share of the best one's gain
+constexpr double least_fall = 0.02;         // share of what is left of the held-out score
 constexpr double least_proper_gain = 0.01;  // an element
 
 CandidateReport report_of(const Refined& refined, int null_count) {
@@ -148,7 +152,8 @@ class Climb {
     double proper = proper_score(layout, next);
     const auto runner_up = std::find_if(worthy.begin(), worthy.end(),
                                         [&](const Refined* other) { return other->effect != worthy[0]->effect; });
-    if (next.dispersion > far_from_done && runner_up != worthy.end() && (*runner_up)->score() > 0.5 * best->score()) {
+    if (next.dispersion > far_from_done && runner_up != worthy.end() &&
+        (*runner_up)->score() > close_behind * best->score()) {
       Rung other = with_added(rung, **runner_up);
       const double its = proper_score(layout, other);
       if (tracing())
@@ -177,7 +182,7 @@ class Climb {
     if (tracing())
       fmt::print(stderr, "  {} added: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", effect, before, after,
                  proper_before, proper);
-    if (after >= before && proper > proper_before - least_proper_gain) {
+    if (after > before - least_fall * std::max(0.0, before - 1) && proper > proper_before - least_proper_gain) {
       diagnosis_.warnings.push_back(
           fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "
                       "({:.3g} to {:.3g})",
@@ -259,9 +264,19 @@ class Climb {
     screen(experiment_, rungs_.back(), measured_.all, diagnosis_.unexplained);
   }
 
+  /// Parameters and intervals of a model that something was added to, from one more step against all of its own
+  /// simulations.
+  void settle(Rung& rung) const {
+    const LastStep step = last_step(experiment_, motions_, rung, rung.fit.parameters, true, options_.seed * 100000);
+    rung.model = step.model;
+    rung.fit.value = step.value;
+    rung.fit.half_interval = student_threshold(0.05, step.freedom) * step.covariance.diagonal().cwiseMax(0).cwiseSqrt();
+  }
+
   void report() {
-    const Rung& last = rungs_.back();
+    Rung& last = rungs_.back();
     const auto ladder = scores(experiment_.layout(), last, measured_.all, rungs_);
+    if (!diagnosis_.candidates.empty()) settle(last);
     for (std::size_t k = 0; k < rungs_.size(); ++k)
       diagnosis_.ladder.push_back({static_cast<int>(k), added_[k], removed_[k], rungs_[k].model, ladder[k]});
     diagnosis_.present = present_parameters(given_, last, catalogue_);

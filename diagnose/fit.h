@@ -70,8 +70,9 @@ struct Fit {
   /// Standard deviation of the estimates over simulations of the fitted model, each taken for the data: what the
   /// precision does not know of (neighbouring cells that move together). Empty = not known.
   Eigen::VectorXd scatter;
-  std::vector<Whitened> slopes;  ///< change of y per unit, shrunk
-  SeedSlopes seed_slopes;        ///< the same, as each seed has it, in segments in which it is not mostly noise
+  Eigen::VectorXd half_interval;  ///< half of the 95 % intervals; empty = from precision and scatter
+  std::vector<Whitened> slopes;   ///< change of y per unit, shrunk
+  SeedSlopes seed_slopes;         ///< the same, as each seed has it, in segments in which it is not mostly noise
   /// Parameters of which the data said nothing when their derivative was last taken (less than four times what their
   /// prior says): they were not simulated again, and stay where the prior holds them.
   std::vector<bool> paused;
@@ -104,8 +105,10 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
               const SensorModel& start, const std::vector<FitParameter>& parameters, const std::vector<Offset>& offsets,
               const FitOptions& options);
 
-/// The model with the fit's values, 95 % intervals from its scatter or its precision (widened by `dispersion`),
-/// whichever is wider, and provenance.
+/// Half of a parameter's 95 % interval, on the scale of the fit: half_interval if there is one, else from its scatter
+/// or its precision (widened by `dispersion`), whichever is wider.
+Eigen::VectorXd half_intervals(const Fit& fit, double dispersion);
+/// Writes the fit's values, their intervals and where they are from.
 void write_intervals(SensorModel& model, const Fit& fit, double dispersion, const std::string& provenance);
 
 }  // namespace binrig

@@ -67,25 +67,31 @@ std::vector<FitParameter> fit_parameters(const SensorModel& model, const EffectC
   return result;
 }
 
+Eigen::VectorXd half_intervals(const Fit& fit, double dispersion) {
+  const int n = static_cast<int>(fit.parameters.size());
+  if (fit.half_interval.size() == n || fit.precision.rows() != n) return fit.half_interval;
+  const Eigen::MatrixXd covariance = fit.precision.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+  Eigen::VectorXd deviation = (dispersion * covariance.diagonal()).cwiseMax(0).cwiseSqrt();
+  if (fit.scatter.size() == n) deviation = deviation.cwiseMax(fit.scatter);
+  // The simulations that the data were compared with scatter, too: two of them, as far as the data do.
+  return 1.96 * std::sqrt(1.5) * deviation;
+}
+
 void write_intervals(SensorModel& model, const Fit& fit, double dispersion, const std::string& provenance) {
   const int n = static_cast<int>(fit.parameters.size());
-  if (n == 0 || fit.precision.rows() != n) return;
-  const Eigen::MatrixXd covariance = fit.precision.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+  const Eigen::VectorXd half = half_intervals(fit, dispersion);
+  if (n == 0 || half.size() != n) return;
   for (int p = 0; p < n; ++p) {
     const auto& parameter = fit.parameters[p];
     const auto instance = std::find_if(model.effects.begin(), model.effects.end(),
                                        [&](const EffectInstance& e) { return e.id == parameter.id; });
     if (instance == model.effects.end()) continue;
-    double deviation = std::sqrt(std::max(0.0, dispersion * covariance(p, p)));
-    if (fit.scatter.size() == n) deviation = std::max(deviation, fit.scatter[p]);
-    // The simulations that the data were compared with scatter, too: two of them, as far as the data do.
-    const double half = 1.96 * std::sqrt(1.5) * deviation;
     auto& value = instance->values[parameter.name];
     value.value = parameter.natural(fit.value[p]);
     if (parameter.circular)
-      value.ci95 = {{value.value - half, value.value + half}};
+      value.ci95 = {{value.value - half[p], value.value + half[p]}};
     else
-      value.ci95 = {{parameter.natural(fit.value[p] - half), parameter.natural(fit.value[p] + half)}};
+      value.ci95 = {{parameter.natural(fit.value[p] - half[p]), parameter.natural(fit.value[p] + half[p])}};
     value.provenance = provenance;
   }
 }

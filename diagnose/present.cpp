@@ -1,8 +1,6 @@
 // What became of the parameters that a model had before anything was added.
 #include <cmath>
 
-#include <Eigen/Cholesky>
-
 #include "diagnose/diagnose.h"
 
 namespace binrig {
@@ -18,17 +16,17 @@ std::vector<PresentParameter> present_parameters(const SensorModel& given, const
   std::vector<PresentParameter> result;
   const Fit& fit = last.fit;
   const int n = static_cast<int>(fit.parameters.size());
-  if (n == 0 || fit.precision.rows() != n) return result;
-  const Eigen::MatrixXd covariance = fit.precision.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+  const Eigen::VectorXd half = half_intervals(fit, last.dispersion);
+  if (n == 0 || half.size() != n) return result;
   for (int p = 0; p < n; ++p) {
     const FitParameter& parameter = fit.parameters[p];
     const EffectInstance* before = given.find(parameter.id);
     if (!before) continue;
-    const double sigma = std::sqrt(std::max(0.0, last.dispersion * covariance(p, p)));
+    const double sigma = half[p] / half_width;
     PresentParameter entry{parameter.id, parameter.name, parameter.unit, before->value(parameter.name)};
     entry.fitted = parameter.natural(fit.value[p]);
-    entry.low = parameter.natural(fit.value[p] - half_width * sigma);
-    entry.high = parameter.natural(fit.value[p] + half_width * sigma);
+    entry.low = parameter.natural(fit.value[p] - half[p]);
+    entry.high = parameter.natural(fit.value[p] + half[p]);
     entry.determined = sigma < least_learned * parameter.prior_sigma;
     entry.changed = entry.determined && (entry.given < entry.low || entry.given > entry.high);
     const EffectDeclaration& effect = before->declaration(catalogue);

@@ -73,8 +73,7 @@ std::vector<Cell> cells_of(const Experiment& experiment, const Rung& rung, const
 /// Shapes in the statistics that are fitted to the residual on train, as hypotheses are: whitened like it, with what
 /// poses, lens and the model's own parameters could make of them taken out.
 struct Shapes {
-  std::vector<Whitened> change;  ///< by shape, sloped where the residual is compressed
-  Eigen::MatrixXd train, test;   ///< Gram matrices
+  Eigen::MatrixXd train, test;  ///< Gram matrices
   Eigen::VectorXd on_train, on_test;
 
   /// Coefficients from train, about zero with a prior worth two cells of unit variance.
@@ -93,15 +92,17 @@ struct Shapes {
 Shapes shapes_of(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells, int count,
                  const std::function<double(const Cell&, int)>& value) {
   Shapes shapes;
-  shapes.change.resize(count);
   std::vector<Whitened> train(count), test(count);
   parallel_for(count, [&](int k) {
     StatVector raw(experiment.layout().size, 0.f);
     for (const Cell& cell : cells) raw[cell.index] = static_cast<float>(value(cell, k));
-    shapes.change[k] = rung.standard.difference(raw);
-    for (std::size_t i = 0; i < rung.rest.size(); ++i) shapes.change[k][i] *= compression_slope(rung.rest[i]);
-    train[k] = rung.train.apply(shapes.change[k]);
-    test[k] = rung.test.apply(shapes.change[k]);
+    const Whitened change = rung.standard.difference(raw);
+    train[k] = rung.train.apply(change);
+    test[k] = rung.test.apply(change);
+    for (std::size_t i = 0; i < rung.rest.size(); ++i) {
+      const float slope = compression_slope(rung.rest[i]);
+      train[k][i] *= slope, test[k][i] *= slope;
+    }
   });
   shapes.train.resize(count, count);
   shapes.test.resize(count, count);
@@ -109,8 +110,8 @@ Shapes shapes_of(const Experiment& experiment, const Rung& rung, const std::vect
   shapes.on_test.resize(count);
   parallel_for(count, [&](int k) {
     for (int j = 0; j <= k; ++j) {
-      shapes.train(k, j) = shapes.train(j, k) = dot(train[k], shapes.change[j]);
-      shapes.test(k, j) = shapes.test(j, k) = dot(test[k], shapes.change[j]);
+      shapes.train(k, j) = shapes.train(j, k) = dot(train[k], train[j]);
+      shapes.test(k, j) = shapes.test(j, k) = dot(test[k], test[j]);
     }
     shapes.on_train[k] = dot(train[k], rung.rest);
     shapes.on_test[k] = dot(test[k], rung.rest);
@@ -223,6 +224,17 @@ std::string curve_formula(const std::vector<Cell>& cells, std::size_t covariate)
 }
 
 }  // namespace
+
+bool has_simple_shape(const Experiment& experiment, const Rung& rung, const StatVector& data) {
+  const auto cells = cells_of(experiment, rung, data, "bias");
+  if (cells.size() < 200) return false;
+  double simple = best_step(experiment, rung, cells).gain;
+  for (std::size_t k = 0; k < covariate_names.size(); ++k)
+    simple = std::max(simple, curve_gain(experiment, rung, cells, k));
+  const double map = map_gain(experiment, rung, cells);
+  if (tracing()) fmt::print(stderr, "  bias: a simple shape gains {:.0f}, a pattern {:.0f}\n", simple, map);
+  return simple > 0.7 * map;
+}
 
 void screen(const Experiment& experiment, const Rung& rung, const StatVector& data, std::vector<Unexplained>& entries) {
   for (auto& entry : entries) {

@@ -6,6 +6,10 @@
 
 namespace binrig {
 
+/// True if a step across a line or a curve over a covariate explains most of what a pattern fixed in the image would of
+/// the bias on captures held out: then that is no map of a unit.
+bool has_simple_shape(const Experiment& experiment, const Rung& rung, const StatVector& data);
+
 /// Fills covariates, share, shape and, for depth, a formula effect to paste, of entries that are maps (bias, noise,
 /// drop-out).
 void screen(const Experiment& experiment, const Rung& rung, const StatVector& data, std::vector<Unexplained>& entries);

@@ -4,11 +4,13 @@
 #include <cmath>
 #include <map>
 #include <numeric>
+#include <optional>
 
 #include <fmt/format.h>
 
 #include "core/error.h"
 #include "diagnose/anew.h"
+#include "diagnose/screen.h"
 #include "diagnose/trace.h"
 #include "diagnose/unit_map.h"
 
@@ -195,9 +197,16 @@ class Search {
       };
       if (without.empty()) without = simulate(rung_.model);
       const UnitMap map(experiment_.layout(), rung_, without, simulate(added(h)));
-      if (map.looks_random(rung_.rest)) map_gains_[h] = map.gain(rung_.rest, rung_.rest);
+      const UnitMap::Gain gain = map.gain(rung_.rest, rung_.rest);
+      if (map.looks_random(rung_.rest) && (map.gain(rung_.rest, rung_.rest, "bias").train < worth_a_look || !shaped()))
+        map_gains_[h] = gain;
       maps_.emplace(h, map);
     }
+  }
+
+  bool shaped() {
+    if (!shaped_) shaped_ = has_simple_shape(experiment_, rung_, measured_.all);
+    return *shaped_;
   }
 
   /// The rung's model with a hypothesis where the linear view puts it.
@@ -336,8 +345,10 @@ class Search {
   const SearchOptions& options_;
   const int count_;
   SearchResult result_;
-  std::map<int, UnitMap> maps_;             // by hypothesis
-  std::map<int, UnitMap::Gain> map_gains_;  // of those that look random
+  static constexpr double worth_a_look = 30;  // gain of chi
+  std::optional<bool> shaped_;                // the bias has a simple shape
+  std::map<int, UnitMap> maps_;               // by hypothesis
+  std::map<int, UnitMap::Gain> map_gains_;    // of those that look random
   std::vector<double> own_gate_;
   Remainder base_;
   double left_;  // dispersion, by the best so far

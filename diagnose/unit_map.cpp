@@ -66,6 +66,7 @@ UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatV
     const int n = static_cast<int>(blocks.size());
     if (n < 2) continue;
     Segment segment;
+    segment.name = binrig::segments()[s].name;
     segment.cells = blocks[0]->size;
     segment.cols = blocks[0]->cols;
     Eigen::MatrixXd moments = Eigen::MatrixXd::Zero(n, n);
@@ -125,9 +126,10 @@ std::vector<double> UnitMap::map_of(const Segment& segment, const Whitened& rest
   return map;
 }
 
-UnitMap::Gain UnitMap::gain(const Whitened& train, const Whitened& test) const {
+UnitMap::Gain UnitMap::gain(const Whitened& train, const Whitened& test, const std::string& only_segment) const {
   Gain total;
   for (const Segment& segment : segments_) {
+    if (!only_segment.empty() && segment.name != only_segment) continue;
     std::vector<double> b(segment.cells), g(segment.cells);
     for (int i = 0; i < segment.cells; ++i) sums(segment, i, train, true, b[i], g[i]);
     double best = 0, variance = 0;

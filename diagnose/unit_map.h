@@ -27,8 +27,8 @@ class UnitMap {
   /// Simulations to give to the constructor: a few units, all captures, targets where the rung has them.
   static std::vector<Trial> trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed);
 
-  /// `train`, `test`: Explained::rest of either part.
-  Gain gain(const Whitened& train, const Whitened& test) const;
+  /// `train`, `test`: Explained::rest of either part. `only_segment`: what of the gain is in that; empty = all.
+  Gain gain(const Whitened& train, const Whitened& test, const std::string& only_segment = "") const;
   /// Is the map estimated from a residual (all captures) like those of simulated units, by the distribution of its
   /// values and by how adjacent cells go together? A step or a wave is no random map, a spot is no scatter of dead
   /// pixels.
@@ -41,6 +41,7 @@ class UnitMap {
     double value;
   };
   struct Segment {
+    std::string name;
     int cells = 0, cols = 0;
     std::vector<Loading> loadings;
     double noise = 1;      // mean square

@@ -211,6 +211,29 @@ TEST(Statistics, TimeSeesFilteringRepeatsAndCourse) {
   EXPECT_NEAR(repeated.value[11], 6.0 / 11, 1e-6);
 }
 
+TEST(Statistics, AFrameThatRepeatsSaysNothingNew) {
+  // Six frames with noise, and the same with every second one shown twice.
+  const auto noisy = [](int, int row, int col, float z, const cv::Mat& n) { return z + 0.3f * n.at<float>(row, col); };
+  std::vector<cv::Mat> shown;
+  const auto once = statistics_of(6, noisy);
+  const auto twice = statistics_of(9, [&](int t, int row, int col, float z, const cv::Mat& n) {
+    if (static_cast<int>(shown.size()) <= t) {
+      const bool again = t % 3 == 2;
+      shown.push_back(again ? shown.back() : n.clone());
+    }
+    return z + 0.3f * shown[t].at<float>(row, col);
+  });
+  EXPECT_NEAR(of(twice, "time").value[11], 3.0 / 8, 1e-6);
+  const auto before = of(once, "noise"), after = of(twice, "noise");
+  double ratio = 0, count = 0;
+  for (std::size_t i = 0; i < before.value.size(); ++i)
+    if (before.weight[i] > 0 && after.weight[i] > 0) ratio += after.value[i] / before.value[i], count += 1;
+  ASSERT_GT(count, 100);
+  // Both are variances of 5 pairs of frames in cells of 16 pixels or so: 1 +- 0.2 each, hundreds of them. With the
+  // repeats counted it would be 5 / 8.
+  EXPECT_NEAR(ratio / count, 1, 0.1);
+}
+
 TEST(Statistics, CombFindsTheDisparityStep) {
   const auto raw = of(statistics_of(2,
                                     [](int, int row, int col, float z, const cv::Mat& n) {

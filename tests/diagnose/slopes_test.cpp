@@ -1,0 +1,153 @@
+#include "diagnose/slopes.h"
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include <gtest/gtest.h>
+#include <Eigen/Eigenvalues>
+
+#include "core/random.h"
+#include "diagnose/experiment.h"
+#include "diagnose/hypotheses.h"
+#include "sim/effect.h"
+
+namespace binrig {
+namespace {
+
+constexpr float unknown = std::numeric_limits<float>::quiet_NaN();
+
+Layout one_map() {
+  Layout layout;
+  layout.blocks.push_back({0, 0, 0, 20 * 30, 20, 30, true});
+  layout.size = 20 * 30;
+  layout.train = {true};
+  layout.captures = 1;
+  return layout;
+}
+
+Whitened normals(int size, std::uint64_t key, float scale) {
+  Whitened v(size);
+  const RandomStream stream(key);
+  for (int i = 0; i < size; ++i) v[i] = scale * static_cast<float>(stream.normal(i));
+  return v;
+}
+
+/// A shift of the whole map, which a parameter can hardly be told from, and a residual with far outliers.
+struct Scene {
+  Layout layout = one_map();
+  Metric metric{layout, Part::train, {{Whitened(layout.size, 3.f), 0}}};
+  Whitened slope = normals(layout.size, 1, 0.2f), residual = normals(layout.size, 2, 2.f);
+  Scene() {
+    for (float& v : slope) v += 5;
+    for (float& v : residual) v += 4;
+    residual[7] = 90, residual[100] = -60;
+  }
+  double chi(double at) const {
+    Whitened left = residual;
+    for (std::size_t i = 0; i < left.size(); ++i) left[i] -= static_cast<float>(at) * slope[i];
+    return metric.explain(left).chi;
+  }
+};
+
+TEST(Pull, IsTheGradientOfChiWithItsPriorAndItsCompression) {
+  const Scene scene;
+  const Pull pull(scene.metric.explain(scene.residual).rest);
+  const Whitened freed = scene.metric.apply(scene.slope);
+  const double analytic = -2 * pull.along(pull.direct(), scene.slope, freed);
+  // Central differences of a smooth function: their error is of second order, 1e-4 of it; single precision of chi
+  // (some 5000 of it) adds 5e-4 / 0.1.
+  const double step = 0.05, numeric = (scene.chi(step) - scene.chi(-step)) / (2 * step);
+  EXPECT_NEAR(analytic, numeric, 0.01 * std::abs(numeric) + 0.05);
+}
+
+TEST(Pull, CurvatureIsThatOfASmallResidual) {
+  Scene scene;
+  for (float& v : scene.residual) v *= 0.01f;
+  const Pull pull(scene.metric.explain(scene.residual).rest);
+  const Whitened freed = scene.metric.apply(scene.slope);
+  const double analytic = 2 * dot(pull.curved(scene.slope, freed), freed);
+  const double step = 0.2;
+  const double numeric = (scene.chi(step) - 2 * scene.chi(0) + scene.chi(-step)) / (step * step);
+  EXPECT_NEAR(analytic, numeric, 0.02 * numeric);
+}
+
+TEST(Products, NoiseOfDerivativesIsNoInformation) {
+  // True derivatives are 0.1 everywhere; each seed's noise is ten times that.
+  const int size = 4000, seeds = 4;
+  SeedSlopes slopes(1);
+  for (int k = 0; k < seeds; ++k) {
+    slopes[0].push_back(normals(size, 50 + k, 1.f));
+    for (float& v : slopes[0].back()) v += 0.1f;
+  }
+  const double truth = 0.01 * size;
+  // Mean of 12 products of independent noise over 4000 elements, and of noise with the truth.
+  const double spread = std::sqrt(size / 6.0 + size * 0.01);
+  EXPECT_NEAR(unbiased_products(slopes, slopes)(0, 0), truth, 4 * spread);
+  EXPECT_GT(products_of_means(slopes, slopes)(0, 0), truth + 0.8 * size / seeds);
+}
+
+TEST(Products, StayPositiveAndKeepSilentParametersSilent) {
+  Eigen::MatrixXd together(3, 3), unbiased(3, 3);
+  together << 4, 3, 0, 3, 4, 0, 0, 0, 0;
+  unbiased << 1, 2, 0, 2, 1, 0, 0, 0, 0;  // indefinite: noise was taken off
+  const Eigen::MatrixXd positive = positive_products(unbiased, together, Eigen::Vector3d(1, 1, 1));
+  const Eigen::VectorXd values =
+      Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(positive.topLeftCorner(2, 2)).eigenvalues();
+  EXPECT_NEAR(values[0], 0.1, 1e-9) << "a tenth of the direction's 1";
+  EXPECT_NEAR(values[1], 3, 1e-9);
+  EXPECT_EQ(positive.row(2).norm(), 0);
+}
+
+TEST(FillUnknown, OthersFirstThenTheBlock) {
+  const Layout layout = one_map();
+  std::vector<StatVector> two(2, StatVector(layout.size, 2.f));
+  two[0][3] = unknown;
+  two[1][3] = 7;
+  two[0][9] = two[1][9] = unknown;
+  auto kept = two;
+  fill_unknown(layout, kept);
+  EXPECT_EQ(kept[0][3], 7);
+  EXPECT_TRUE(std::isnan(kept[0][9]));
+  fill_unknown(layout, two, true);
+  EXPECT_NEAR(two[1][9], 2 + 10.0 / (2 * layout.size), 0.01);
+}
+
+TEST(ByPeriod, NeighboursDifferByOnePeriodAcrossTheImage) {
+  const int width = 128;
+  int with_period = 0;
+  for (const EffectDeclaration* effect : effect_catalogue().all()) {
+    Hypothesis hypothesis{effect->name, effect, {}};
+    std::map<std::string, double> values;
+    const ParameterSpec *phase = nullptr, *period = nullptr;
+    for (const auto& spec : effect->parameters) {
+      values[spec.name] = spec.initial;
+      if (spec.kind == ParameterKind::phase) phase = &spec;
+      if (!spec.interpolate && spec.log_scaled && spec.name != effect->amplitude) period = &spec;
+    }
+    const Hypothesis close = by_period(hypothesis, values, width / 4);
+    if (!phase || !period) {
+      EXPECT_TRUE(close.paths.empty()) << effect->name;
+      continue;
+    }
+    ++with_period;
+    ASSERT_EQ(close.paths.size(), 2u * (width / 4)) << effect->name;
+    double before = 0;
+    for (std::size_t k = 0; k < close.paths.size(); k += 2) {
+      const auto& atom = close.paths[k].atoms.at(0).values;
+      EXPECT_EQ(close.paths[k + 1].quadrature_of, static_cast<int>(k));
+      EXPECT_NEAR(close.paths[k + 1].atoms.at(0).values.at(phase->name) - atom.at(phase->name), std::numbers::pi / 2,
+                  1e-12);
+      const double inverse = 1 / atom.at(period->name);
+      if (k > 0 && period->typical_low >= 4 && period->unit == "px") {
+        EXPECT_LE(width * (inverse - before), 1.05);
+      }
+      before = inverse;
+    }
+    EXPECT_NEAR(before, 1 / period->typical_low, 1e-9);
+  }
+  EXPECT_GE(with_period, 3) << "two bandings and the wiggling";
+}
+
+}  // namespace
+}  // namespace binrig
