@@ -298,6 +298,8 @@ class Search {
     const Remainder with = registered_remainder(experiment_, motions_, rung_, refined.model, options);
     refined.train_gain = (base_.train - with.train + map_gain(h).train) / rung_.dispersion;
     refined.test_gain = (base_.test - with.test + map_gain(h).test) / rung_.dispersion;
+    const double excess = base_.train * (1 - 1 / rung_.dispersion);
+    if (excess > 0) refined.share = refined.train_gain * rung_.dispersion / excess;
     refined.change = with.mean;
     for (std::size_t i = 0; i < refined.change.size(); ++i) refined.change[i] -= base_.mean[i];
     compress(refined.change);
@@ -365,7 +367,7 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
 std::vector<const Refined*> SearchResult::accepted(const SearchOptions& options) const {
   std::vector<const Refined*> result;
   for (const auto& candidate : refined)
-    if (candidate.test_gain > options.least_test_gain &&
+    if (candidate.test_gain > options.least_test_gain && candidate.share > options.least_share &&
         candidate.train_gain - candidate.price > std::max(candidate.gate, options.least_train_gain))
       result.push_back(&candidate);
   return result;

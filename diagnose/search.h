@@ -17,6 +17,7 @@ struct Refined {
   double linear_gain = 0, price = 0;     ///< of the shortlist: gain of the signatures, and what a null gains on average
   double gate = 0;                       ///< what gain less price has to exceed
   double train_gain = 0, test_gain = 0;  ///< of chi, by simulation, dispersion divided out
+  double share = 1;  ///< of the excess over the model's own randomness on train that train_gain is
   PValue p;
   bool random_map = true;  ///< false: it draws a map of the unit, but what is fixed in the image looks like none
   Whitened change;         ///< what it moves, all captures
@@ -36,6 +37,7 @@ struct SearchOptions {
   int anew = 2;                ///< so many
   double least_test_gain = 9;  ///< three standard deviations of an effect that is known
   double least_train_gain = 16;
+  double least_share = 0.02;  ///< of the excess: in a large remainder, chance resemblances gain, too
 };
 
 struct SearchResult {
