@@ -8,6 +8,7 @@
 #include <Eigen/Cholesky>
 
 #include "core/parallel.h"
+#include "diagnose/mean_of_simulations.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
@@ -28,28 +29,6 @@ SensorModel with_values(SensorModel model, const std::vector<FitParameter>& para
   return model;
 }
 
-/// Mean of differences between paired simulations, each segment shrunk by the share of it that is signal.
-Whitened shrunk_mean(const Layout& layout, const std::vector<Whitened>& differences) {
-  const int k = static_cast<int>(differences.size());
-  Whitened mean(layout.size, 0.f);
-  for (const auto& d : differences)
-    for (int i = 0; i < layout.size; ++i) mean[i] += d[i] / k;
-  if (k < 2) return mean;
-  std::vector<double> signal(segments().size(), 0), noise(segments().size(), 0);
-  for (const auto& block : layout.blocks)
-    for (int i = block.offset; i < block.offset + block.size; ++i) {
-      signal[block.segment] += static_cast<double>(mean[i]) * mean[i];
-      for (const auto& d : differences)
-        noise[block.segment] += static_cast<double>(d[i] - mean[i]) * (d[i] - mean[i]) / (k * (k - 1.0));
-    }
-  for (const auto& block : layout.blocks) {
-    const double share = signal[block.segment] > 0 ? 1 - noise[block.segment] / signal[block.segment] : 0;
-    const float f = share < least_signal ? 0.f : static_cast<float>(share);
-    for (int i = block.offset; i < block.offset + block.size; ++i) mean[i] *= f;
-  }
-  return mean;
-}
-
 bool draws_map(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& id) {
   const EffectInstance* instance = model.find(id);
   return instance && instance->declaration(catalogue).per_unit_map;
@@ -60,56 +39,6 @@ std::vector<Whitened> differences_of(const Standard& standard, const std::vector
   for (const StatVector& one : changes) result.push_back(standard.difference(one));
   return result;
 }
-
-std::vector<Whitened> whiten_all(const Standard& standard, const std::vector<StatVector>& simulations) {
-  std::vector<Whitened> result(simulations.size());
-  parallel_for(static_cast<int>(simulations.size()), [&](int k) { result[k] = standard.linear(simulations[k]); });
-  return result;
-}
-
-}  // namespace
-
-std::vector<StatVector> simulate_typical_units(const Experiment& experiment, const std::vector<Trial>& trials,
-                                               const std::string& progress, std::vector<StatVector>* as_they_are) {
-  const EffectCatalogue& catalogue = experiment.forward().catalogue();
-  std::vector<StatVector> result = experiment.simulate(trials, progress);
-  if (as_they_are) *as_they_are = result;
-  std::vector<Trial> plain;
-  std::vector<std::size_t> of;
-  for (std::size_t t = 0; t < trials.size(); ++t) {
-    Trial trial = trials[t];
-    std::erase_if(trial.model.effects, [&](const EffectInstance& e) { return e.declaration(catalogue).per_unit_map; });
-    if (trial.model.effects.size() == trials[t].model.effects.size()) continue;
-    plain.push_back(std::move(trial));
-    of.push_back(t);
-  }
-  if (plain.empty()) return result;
-  const auto without = experiment.simulate(plain, progress);
-  for (const Block& block : experiment.layout().blocks)
-    if (segments()[block.segment].name == "bias")
-      for (std::size_t k = 0; k < of.size(); ++k)
-        std::copy_n(without[k].begin() + block.offset, block.size, result[of[k]].begin() + block.offset);
-  return result;
-}
-
-MeanOfSimulations mean_of(const Standard& standard, std::vector<StatVector> simulations) {
-  fill_unknown(standard.layout(), simulations);
-  const auto y = whiten_all(standard, simulations);
-  const int k = static_cast<int>(y.size());
-  MeanOfSimulations result;
-  result.mean.assign(y[0].size(), 0.f);
-  for (const auto& one : y)
-    for (std::size_t i = 0; i < one.size(); ++i) result.mean[i] += one[i] / k;
-  if (k > 1) {
-    const float scale = 1.f / std::sqrt(k * (k - 1.f));
-    result.noise = y;
-    for (auto& one : result.noise)
-      for (std::size_t i = 0; i < one.size(); ++i) one[i] = scale * (one[i] - result.mean[i]);
-  }
-  return result;
-}
-
-namespace {
 
 constexpr double least_gain = 1;   // of chi, for which a value is taken
 constexpr double pause_below = 4;  // data's information on a parameter, in units of its prior's, see Fit::paused
@@ -273,7 +202,8 @@ class Fitter {
       std::vector<Whitened> differences = differences_of(standard_, changes);
       if (draws_map(now_.model, experiment_.forward().catalogue(), parameters_[moved[m]].id))
         for (Whitened& d : differences) forget_bias(d);  // of the typical unit it stays where it is
-      const Whitened& mean = fit_.slopes[moved[m]] = shrunk_mean(experiment_.layout(), differences);
+      const Whitened& mean = fit_.slopes[moved[m]] =
+          shrunk(experiment_.layout(), mean_over_seeds(experiment_.layout(), differences), least_signal);
       for (Whitened& d : differences)
         for (std::size_t i = 0; i < d.size(); ++i)
           if (mean[i] == 0) d[i] = 0;

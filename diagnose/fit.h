@@ -82,21 +82,6 @@ struct Fit {
   bool converged = false;
 };
 
-/// Simulations of a unit whose fixed depth map is 0: what other units have there is as likely to be its negative, and a
-/// mean over a few units would compare their maps with that of the one measured. Only the bias maps differ from those
-/// of Experiment::simulate, and only for models with effects that draw such a map. `as_they_are`, if given: the
-/// latter's.
-std::vector<StatVector> simulate_typical_units(const Experiment& experiment, const std::vector<Trial>& trials,
-                                               const std::string& progress,
-                                               std::vector<StatVector>* as_they_are = nullptr);
-
-/// Mean of whitened (not compressed) simulations, and how far each is from it, scaled to the mean's own error.
-struct MeanOfSimulations {
-  Whitened mean;
-  std::vector<Whitened> noise;
-};
-MeanOfSimulations mean_of(const Standard& standard, std::vector<StatVector> simulations);
-
 /// `data` is Standard::linear of the measurement, of as many frames as `most_frames` leaves. Simulates again and again
 /// until chi changes by less than `converged`; every step is the minimum of the damped normal equations within a box of
 /// FitParameter::longest and the bounds. Without parameters only the targets are placed (`motions`). Throws what

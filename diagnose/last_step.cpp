@@ -126,26 +126,17 @@ class Step {
     parallel_for(static_cast<int>(asked.size()), [&](int m) {
       const int p = asked[m];
       std::vector<Whitened> each;
-      Whitened whole(layout_.size, 0.f);
       std::vector<StatVector> changes(simulated.begin() + (m + 1) * seeds, simulated.begin() + (m + 2) * seeds);
       for (int k = 0; k < seeds; ++k)
         for (int i = 0; i < layout_.size; ++i)
           changes[k][i] = (changes[k][i] - simulated[k][i]) / static_cast<float>(taken[m]);
       fill_unknown(layout_, changes, true);
-      for (int k = 0; k < seeds; ++k) {
-        each.push_back(rung_.standard.difference(changes[k]));
-        for (int i = 0; i < layout_.size; ++i) whole[i] += each[k][i] / seeds;
-      }
+      for (const StatVector& change : changes) each.push_back(rung_.standard.difference(change));
       // Segments in which a derivative is mostly noise are left out.
-      std::vector<double> signal(segments().size(), 0), noise(segments().size(), 0);
-      for (const auto& block : layout_.blocks)
-        for (int i = block.offset; i < block.offset + block.size; ++i) {
-          signal[block.segment] += static_cast<double>(whole[i]) * whole[i];
-          for (const auto& d : each) noise[block.segment] += std::pow(d[i] - whole[i], 2) / (seeds * (seeds - 1.0));
-        }
+      const SeedMean whole = mean_over_seeds(layout_, each);
       for (const auto& block : layout_.blocks) {
-        if (noise[block.segment] < (1 - least_signal) * signal[block.segment])
-          std::copy_n(whole.begin() + block.offset, block.size, result_.jacobian[p].begin() + block.offset);
+        if (whole.signal[block.segment] > least_signal)
+          std::copy_n(whole.mean.begin() + block.offset, block.size, result_.jacobian[p].begin() + block.offset);
         else
           for (auto& d : each) std::fill_n(d.begin() + block.offset, block.size, 0.f);
       }

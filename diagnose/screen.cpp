@@ -223,17 +223,32 @@ std::string curve_formula(const std::vector<Cell>& cells, std::size_t covariate)
       variable, c[0], c[1], c[2]);
 }
 
+/// Gains on captures held out of everything that a map's remainder is held against.
+struct ShapeGains {
+  std::vector<std::pair<double, std::size_t>> curves;  ///< best first; index of the covariate
+  double map = 0;
+  Step step;
+};
+
+ShapeGains gains_of_shapes(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells) {
+  ShapeGains gains;
+  for (std::size_t k = 0; k < covariate_names.size(); ++k)
+    gains.curves.emplace_back(curve_gain(experiment, rung, cells, k), k);
+  std::sort(gains.curves.rbegin(), gains.curves.rend());
+  gains.map = map_gain(experiment, rung, cells);
+  gains.step = best_step(experiment, rung, cells);
+  return gains;
+}
+
 }  // namespace
 
 bool has_simple_shape(const Experiment& experiment, const Rung& rung, const StatVector& data) {
   const auto cells = cells_of(experiment, rung, data, "bias");
   if (cells.size() < 200) return false;
-  double simple = best_step(experiment, rung, cells).gain;
-  for (std::size_t k = 0; k < covariate_names.size(); ++k)
-    simple = std::max(simple, curve_gain(experiment, rung, cells, k));
-  const double map = map_gain(experiment, rung, cells);
-  if (tracing()) fmt::print(stderr, "  bias: a simple shape gains {:.0f}, a pattern {:.0f}\n", simple, map);
-  return simple > 0.7 * map;
+  const ShapeGains gains = gains_of_shapes(experiment, rung, cells);
+  const double simple = std::max(gains.step.gain, gains.curves[0].first);
+  if (tracing()) fmt::print(stderr, "  bias: a simple shape gains {:.0f}, a pattern {:.0f}\n", simple, gains.map);
+  return simple > 0.7 * gains.map;
 }
 
 void screen(const Experiment& experiment, const Rung& rung, const StatVector& data, std::vector<Unexplained>& entries) {
@@ -246,12 +261,7 @@ void screen(const Experiment& experiment, const Rung& rung, const StatVector& da
     excess *= std::max(0.0, 1 - 1 / std::max(1.0, entry.ratio));  // beyond the model's own randomness
     if (excess <= 0) continue;
 
-    std::vector<std::pair<double, std::size_t>> gains;
-    for (std::size_t k = 0; k < covariate_names.size(); ++k)
-      gains.emplace_back(curve_gain(experiment, rung, cells, k), k);
-    std::sort(gains.rbegin(), gains.rend());
-    const double map = map_gain(experiment, rung, cells);
-    const Step step = best_step(experiment, rung, cells);
+    const auto [gains, map, step] = gains_of_shapes(experiment, rung, cells);
     const double best = std::max({map, step.gain, gains[0].first});
     if (tracing()) {
       fmt::print(stderr,

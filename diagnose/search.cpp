@@ -10,6 +10,7 @@
 
 #include "core/error.h"
 #include "diagnose/anew.h"
+#include "diagnose/mean_of_simulations.h"
 #include "diagnose/screen.h"
 #include "diagnose/trace.h"
 #include "diagnose/unit_map.h"
@@ -88,6 +89,7 @@ LinearGain with_period(const Experiment& experiment, const Rung& rung, const Hyp
   few.shared = false;
   for (int k = 0; k < 3; ++k) {
     const auto most = std::max_element(power.begin(), power.end());
+    if (*most <= 0) break;
     few.only.push_back(static_cast<int>(most - power.begin()));
     *most = -1;
   }

@@ -17,7 +17,7 @@ struct Refined {
   double linear_gain = 0, price = 0;     ///< of the shortlist: gain of the signatures, and what a null gains on average
   double gate = 0;                       ///< what gain less price has to exceed
   double train_gain = 0, test_gain = 0;  ///< of chi, by simulation, dispersion divided out
-  double share = 1;  ///< of the excess over the model's own randomness on train that train_gain is
+  double share = 1;                      ///< of the excess over the model's own randomness on train that train_gain is
   PValue p;
   bool random_map = true;  ///< false: it draws a map of the unit, but what is fixed in the image looks like none
   Whitened change;         ///< what it moves, all captures

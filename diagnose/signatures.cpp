@@ -9,6 +9,7 @@
 #include <Eigen/Cholesky>
 
 #include "core/parallel.h"
+#include "diagnose/slopes.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
@@ -20,36 +21,18 @@ struct Place {
   int hypothesis, path, atom;
 };
 
-/// Mean change over seeds in whitened-free units, shrunk by segment.
+/// Mean change over seeds, in the statistics' own units, shrunk by segment.
 StatVector shrunk_change(const Layout& layout, const std::vector<float>& spread, const std::vector<StatVector>& with,
                          const std::vector<StatVector>& without) {
-  const int k = static_cast<int>(with.size());
   std::vector<StatVector> changes = with;
-  for (int j = 0; j < k; ++j)
-    for (int i = 0; i < layout.size; ++i) changes[j][i] -= without[j][i];
+  for (std::size_t k = 0; k < with.size(); ++k)
+    for (int i = 0; i < layout.size; ++i) changes[k][i] -= without[k][i];
   fill_unknown(layout, changes, true);
-  StatVector mean(layout.size, 0.f);
-  std::vector<float> scatter(layout.size, 0.f);
-  for (int i = 0; i < layout.size; ++i) {
-    if (spread[i] == 0 || std::isnan(changes[0][i])) continue;
-    float sum = 0, square = 0;
-    for (const StatVector& change : changes) sum += change[i], square += change[i] * change[i];
-    mean[i] = sum / k;
-    scatter[i] = k > 1 ? std::max(0.f, (square - sum * sum / k) / (k * (k - 1.f))) : 0.f;
-  }
-  std::vector<double> signal(segments().size(), 0), noise(segments().size(), 0);
-  for (const auto& block : layout.blocks)
-    for (int i = block.offset; i < block.offset + block.size; ++i) {
-      if (spread[i] == 0) continue;
-      const double w = 1.0 / (static_cast<double>(spread[i]) * spread[i]);
-      signal[block.segment] += w * mean[i] * mean[i];
-      noise[block.segment] += w * scatter[i];
-    }
-  for (const auto& block : layout.blocks) {
-    const double share = signal[block.segment] > 0 ? 1 - noise[block.segment] / signal[block.segment] : 0;
-    const float f = share < least_share ? 0.f : static_cast<float>(share);
-    for (int i = block.offset; i < block.offset + block.size; ++i) mean[i] *= f;
-  }
+  for (StatVector& change : changes)
+    for (int i = 0; i < layout.size; ++i)
+      change[i] = spread[i] == 0 || std::isnan(change[i]) ? 0.f : change[i] / spread[i];
+  StatVector mean = shrunk(layout, mean_over_seeds(layout, changes), least_share);
+  for (int i = 0; i < layout.size; ++i) mean[i] *= spread[i];
   return mean;
 }
 

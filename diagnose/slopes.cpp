@@ -10,6 +10,33 @@ namespace binrig {
 
 using Eigen::MatrixXd;
 
+SeedMean mean_over_seeds(const Layout& layout, const std::vector<Whitened>& by_seed) {
+  const int k = static_cast<int>(by_seed.size());
+  SeedMean result{Whitened(layout.size, 0.f), std::vector<double>(segments().size(), 0)};
+  std::vector<double> square(segments().size(), 0), noise(segments().size(), 0);
+  for (const auto& block : layout.blocks)
+    for (int i = block.offset; i < block.offset + block.size; ++i) {
+      float& mean = result.mean[i];
+      for (const Whitened& one : by_seed) mean += one[i] / k;
+      square[block.segment] += static_cast<double>(mean) * mean;
+      for (const Whitened& one : by_seed)
+        noise[block.segment] += static_cast<double>(one[i] - mean) * (one[i] - mean) / std::max(1.0, k * (k - 1.0));
+    }
+  for (std::size_t s = 0; s < square.size(); ++s)
+    if (square[s] > 0) result.signal[s] = 1 - noise[s] / square[s];
+  return result;
+}
+
+Whitened shrunk(const Layout& layout, const SeedMean& mean, double least) {
+  Whitened result = mean.mean;
+  for (const auto& block : layout.blocks) {
+    const double share = mean.signal[block.segment];
+    const float f = share < least ? 0.f : static_cast<float>(share);
+    for (int i = block.offset; i < block.offset + block.size; ++i) result[i] *= f;
+  }
+  return result;
+}
+
 Pull::Pull(const Whitened& rest) : direct_(rest), bent_(rest.size()), lost_(rest.size()) {
   uncompress(direct_);
   for (std::size_t i = 0; i < rest.size(); ++i) {

@@ -12,6 +12,16 @@ namespace binrig {
 /// Derivatives by parameter, each once a seed.
 using SeedSlopes = std::vector<std::vector<Whitened>>;
 
+/// Mean over seeds of whitened differences, and by segment the share of its square that is no noise: 1 with one seed, 0
+/// where nothing changes.
+struct SeedMean {
+  Whitened mean;
+  std::vector<double> signal;
+};
+SeedMean mean_over_seeds(const Layout& layout, const std::vector<Whitened>& by_seed);
+/// The mean, each segment times its share of signal, or 0 where that is less than `least`.
+Whitened shrunk(const Layout& layout, const SeedMean& mean, double least);
+
 /// How chi pulls at a parameter with derivative J. Nuisances are taken out of a residual, then it is compressed: what
 /// is left, v = compress(u), changes by v' (QJ), and the nuisances' own prior by what Q took out of J. With the prior's
 /// part, chi's gradient is -2 (J . u + QJ . (v v' - u)).

@@ -191,7 +191,7 @@ class Time : public Statistic {
   std::array<Past, 3> past_;
   std::vector<double> mean_, tilt_x_, tilt_y_;
   double lag_sum_[4] = {}, lag_count_[4] = {};
-  int frames_ = 0, repeats_ = 0, left_out_ = 0;
+  int frames_ = 0, repeats_ = 0, left_out_ = 0;  // seen; of these equal without noise; repeats that were not shown
   double row_sum_ = 0, row_count_ = 0, column_sum_ = 0, column_count_ = 0;
   double holes_ = 0, holes_stay_ = 0, changes_ = 0, counted_ = 0, motion_product_ = 0, motion_square_ = 0;
   RawStatistic raw_;
