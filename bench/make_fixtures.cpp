@@ -48,6 +48,7 @@ Campaign captures() {
   campaign.capture("test", "groove_2", campaign.groove(830, 30 * degree, 80 * degree), test);
   campaign.capture("test", "bin_2", campaign.bin(2), test);
   campaign.warm_up("test", "warm_up_2", 6, 760, 10);
+  campaign.capture("test", "chart_2", campaign.chart(760), test);
   return campaign;
 }
 
@@ -91,6 +92,8 @@ void make(const fs::path& out, const fs::path& sensors) {
   const Campaign campaign = captures();
   const fs::path scratch = out / "nominal";
   const Camera camera = camera_from_field_of_view(160, 120, 16.06 * degree);
+  info.valid_region = cv::Mat::zeros(camera.height, camera.width, CV_8U);  // where the matching window fits in
+  info.valid_region(cv::Rect(1, 1, camera.width - 2, camera.height - 2)) = 255;
   write_nominal(scratch / "campaign", info, camera, 0.02, campaign.models(), campaign.captures());
   for (const char* name : {"clean", "imperfect"}) {
     const SensorModel model = read_sensor_model(sensors / fmt::format("{}.yaml", name), effect_catalogue());
@@ -99,6 +102,7 @@ void make(const fs::path& out, const fs::path& sensors) {
 
   info.sensor.name = "planes with noise of a known spectrum";
   info.cam_K_sigma_px.reset();
+  info.valid_region.release();
   const Campaign planes = plane_source_captures();
   write_nominal(scratch / "planes", info, camera.resized(320, 240), 0.02, {planes.models().front()}, planes.captures());
   record(scratch / "planes", read_sensor_model(sensors / "plane_source.yaml", effect_catalogue()),

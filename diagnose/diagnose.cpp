@@ -142,6 +142,9 @@ class Climb {
         fmt::print(stderr, "  {} linear {:.1f} price {:.1f} train {:.1f} test {:.1f}\n", r.effect, r.linear_gain,
                    r.price, r.train_gain, r.test_gain);
     }
+    diagnosis_.unconfirmed.clear();
+    for (const Refined* candidate : found.unconfirmed(search_options_))
+      diagnosis_.unconfirmed.push_back({candidate->effect, capture_name(candidate->shown_in)});
     const auto worthy = found.accepted(search_options_);
     if (worthy.empty()) return false;
 
@@ -298,9 +301,13 @@ class Climb {
       if (const Block* block = experiment_.layout().find(c, "bias")) diagnosis_.maps.push_back(maps_of(c, *block));
   }
 
+  std::string capture_name(int capture) const {
+    return experiment_.captures()[capture].key() + " " + experiment_.captures()[capture].name;
+  }
+
   Diagnosis::Maps maps_of(int capture, const Block& block) const {
     Diagnosis::Maps maps;
-    maps.capture = experiment_.captures()[capture].key() + " " + experiment_.captures()[capture].name;
+    maps.capture = capture_name(capture);
     maps.before.create(block.rows, block.cols, CV_32F);
     maps.after.create(block.rows, block.cols, CV_32F);
     maps.valid.create(block.rows, block.cols, CV_8U);

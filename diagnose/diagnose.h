@@ -52,6 +52,12 @@ struct CandidateReport {
   std::vector<std::string> confounded_with;
 };
 
+/// An effect that explains much of the captures fitted to, but leaves no trace in those held out: no answer.
+struct Unconfirmed {
+  std::string effect;
+  std::string capture;  ///< that shows it most
+};
+
 struct Unexplained {
   std::string channel, segment;
   double ratio = 1;  ///< mean square of the residual over that of the model's own simulations
@@ -86,6 +92,7 @@ struct Diagnosis {
   std::vector<LinearRank> ranking;          ///< all hypotheses at the start, by gain
   std::vector<PresentParameter> present;    ///< of the model given
   std::vector<Untested> untested;
+  std::vector<Unconfirmed> unconfirmed;
   std::vector<Unexplained> unexplained;
   std::vector<std::string> advice;
   std::vector<LadderStep> ladder;

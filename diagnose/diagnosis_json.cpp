@@ -55,6 +55,9 @@ std::string diagnosis_json(const Diagnosis& diagnosis) {
     entry["confounded_with"] = candidate.confounded_with;
     out["candidates"].push_back(entry);
   }
+  out["unconfirmed"] = json::array();
+  for (const auto& entry : diagnosis.unconfirmed)
+    out["unconfirmed"].push_back({{"effect", entry.effect}, {"capture", entry.capture}});
   out["untested"] = json::array();
   for (const auto& entry : diagnosis.untested)
     out["untested"].push_back({{"effect", entry.effect}, {"needs", entry.needs}});

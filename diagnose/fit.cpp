@@ -8,6 +8,7 @@
 #include <Eigen/Cholesky>
 
 #include "core/parallel.h"
+#include "diagnose/hypotheses.h"
 #include "diagnose/mean_of_simulations.h"
 #include "diagnose/trace.h"
 
@@ -393,7 +394,10 @@ class Fitter {
         } else if (!has_phase && spec.log_scaled && spec.typical_low > 0 &&
                    (options_.scan_all_ranges || id == options_.scan_ranges_of)) {
           closeness = scan_range(id, spec);
-        } else if (!has_phase) {
+        } else if (has_phase) {
+          const double value = now_.model.find(id)->value(spec.name);
+          closeness = 0.1 * period_spacing(spec, value, experiment_.nominal(0).depth_mm.cols);
+        } else {
           walk(id, spec, 0.2, 2);
           walk(id, spec, 0.05, 2);
         }

@@ -110,6 +110,12 @@ Hypothesis make(const EffectDeclaration& effect) {
   return hypothesis;
 }
 
+int periods_across(int cols) { return cols / 4; }
+
+double frequency_step(const ParameterSpec& period, int cols) {
+  return (1 / period.typical_low - 1 / period.typical_high) / std::max(1, periods_across(cols) - 1);
+}
+
 }  // namespace
 
 SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& effect,
@@ -119,7 +125,7 @@ SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalog
   return result;
 }
 
-Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int count) {
+Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols) {
   const EffectDeclaration& effect = *hypothesis.declaration;
   Hypothesis result{hypothesis.effect, &effect, {}};
   const ParameterSpec *phase = nullptr, *period = nullptr, *amplitude = effect.parameter(effect.amplitude);
@@ -130,11 +136,11 @@ Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, d
       period = &spec;
   }
   if (!phase || !period || !amplitude) return result;
-  const double most = 1 / period->typical_low, least = 1 / period->typical_high;
-  for (int k = 0; k < count; ++k) {
+  const double least = 1 / period->typical_high, step = frequency_step(*period, cols);
+  for (int k = 0; k < periods_across(cols); ++k) {
     Atom atom{values};
     atom.values[amplitude->name] = clip(*amplitude, strength_value(effect, Strength::medium));
-    atom.values[period->name] = 1 / (least + (most - least) * k / std::max(1, count - 1));
+    atom.values[period->name] = 1 / (least + step * k);
     for (const double quarter : {0.0, half_pi}) {
       StrengthPath path;
       atom.values[phase->name] = quarter;
@@ -145,6 +151,10 @@ Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, d
     }
   }
   return result;
+}
+
+double period_spacing(const ParameterSpec& period, double value, int cols) {
+  return frequency_step(period, cols) * value;
 }
 
 Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model) {

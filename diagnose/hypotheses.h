@@ -45,9 +45,12 @@ struct Hypotheses {
   std::vector<Untested> untested;
 };
 
-/// The hypothesis with its period close together: `count` values of equal steps in its inverse over the typical range,
-/// all else as in `values`, at medium strength. No paths if it has no phase or no period.
-Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int count);
+/// The hypothesis with its period close together: values of equal steps in its inverse over the typical range, so close
+/// that neighbours differ by one period across an image of `cols`; all else as in `values`, at medium strength. No
+/// paths if it has no phase or no period.
+Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols);
+/// How far apart these are near a value, relative to it.
+double period_spacing(const ParameterSpec& period, double value, int cols);
 
 Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model);
 

@@ -65,23 +65,25 @@ Remainder registered_remainder(const Experiment& experiment, const std::vector<S
   return remainder_of(experiment, rung, model, places.offsets, places.values, options);
 }
 
+/// Square of a change by capture, added to what is there.
+void add_power(const Layout& layout, const Whitened& change, std::vector<double>& power) {
+  for (const Block& block : layout.blocks)
+    for (int i = block.offset; i < block.offset + block.size; ++i)
+      power[block.capture] += static_cast<double>(change[i]) * change[i];
+}
+
 /// Where a hypothesis has a period and a phase, its best ones: what the signatures say of them is of a few periods
 /// only. Simulated are the captures in which its signatures change most.
 LinearGain with_period(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
                        const LinearGain& start, const std::vector<Signature>& signatures,
                        const SearchOptions& options) {
   Hypotheses close;
-  // So close that neighbours differ by one period across the image.
-  close.tested.push_back(by_period(hypothesis, start.values, experiment.nominal(0).depth_mm.cols / 4));
+  close.tested.push_back(by_period(hypothesis, start.values, experiment.nominal(0).depth_mm.cols));
   if (close.tested[0].paths.empty()) return start;
   std::vector<double> power(experiment.layout().captures, 0);
-  for (const Signature& signature : signatures) {
-    if (signature.hypothesis != start.hypothesis) continue;
-    const Whitened change = rung.standard.difference(signature.change);
-    for (const Block& block : experiment.layout().blocks)
-      for (int i = block.offset; i < block.offset + block.size; ++i)
-        power[block.capture] += static_cast<double>(change[i]) * change[i];
-  }
+  for (const Signature& signature : signatures)
+    if (signature.hypothesis == start.hypothesis)
+      add_power(experiment.layout(), rung.standard.difference(signature.change), power);
   SignatureOptions few;
   few.seeds = 1;
   few.most_frames = 2;
@@ -305,6 +307,10 @@ class Search {
     refined.change = with.mean;
     for (std::size_t i = 0; i < refined.change.size(); ++i) refined.change[i] -= base_.mean[i];
     compress(refined.change);
+    refined.shown_on_test = dot(rung_.test.apply(refined.change), refined.change) / rung_.dispersion;
+    std::vector<double> power(experiment_.layout().captures, 0);
+    add_power(experiment_.layout(), rung_.train.apply(refined.change), power);
+    refined.shown_in = static_cast<int>(std::max_element(power.begin(), power.end()) - power.begin());
     left_ = std::min(left_, rung_.dispersion * with.train / base_.train);
     result_.refined.push_back(std::move(refined));
   }
@@ -366,11 +372,28 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
   return Search(experiment, motions, rung, measured, hypotheses, signatures, book, options).run();
 }
 
+namespace {
+
+bool significant_on_train(const Refined& candidate, const SearchOptions& options) {
+  return candidate.share > options.least_share &&
+         candidate.train_gain - candidate.price > std::max(candidate.gate, options.least_train_gain);
+}
+
+}  // namespace
+
 std::vector<const Refined*> SearchResult::accepted(const SearchOptions& options) const {
   std::vector<const Refined*> result;
   for (const auto& candidate : refined)
-    if (candidate.test_gain > options.least_test_gain && candidate.share > options.least_share &&
-        candidate.train_gain - candidate.price > std::max(candidate.gate, options.least_train_gain))
+    if (candidate.test_gain > options.least_test_gain && significant_on_train(candidate, options))
+      result.push_back(&candidate);
+  return result;
+}
+
+std::vector<const Refined*> SearchResult::unconfirmed(const SearchOptions& options) const {
+  std::vector<const Refined*> result;
+  for (const auto& candidate : refined)
+    if (candidate.test_gain <= options.least_test_gain && candidate.shown_on_test <= 2 * options.least_test_gain &&
+        significant_on_train(candidate, options))
       result.push_back(&candidate);
   return result;
 }

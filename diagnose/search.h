@@ -19,8 +19,10 @@ struct Refined {
   double train_gain = 0, test_gain = 0;  ///< of chi, by simulation, dispersion divided out
   double share = 1;                      ///< of the excess over the model's own randomness on train that train_gain is
   PValue p;
-  bool random_map = true;  ///< false: it draws a map of the unit, but what is fixed in the image looks like none
-  Whitened change;         ///< what it moves, all captures
+  bool random_map = true;    ///< false: it draws a map of the unit, but what is fixed in the image looks like none
+  Whitened change;           ///< what it moves, all captures
+  double shown_on_test = 0;  ///< square of that on the captures held out, dispersion divided out
+  int shown_in = 0;          ///< the train capture that shows it most
   double score() const { return train_gain - price + test_gain; }
 };
 
@@ -49,6 +51,8 @@ struct SearchResult {
   std::vector<Refined> refined;                 ///< best first
   /// Those that are significant on train and confirmed on test, best first.
   std::vector<const Refined*> accepted(const SearchOptions& options) const;
+  /// Those that are significant on train, but that the captures held out could not confirm whoever is right.
+  std::vector<const Refined*> unconfirmed(const SearchOptions& options) const;
 };
 
 /// Gains are of chi (whitened, dimensionless), those of refined hypotheses with the rung's dispersion divided out.

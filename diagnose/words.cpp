@@ -19,9 +19,13 @@ std::string times(double ratio) { return ratio < 10 ? fmt::format("{:.2g}", rati
 
 std::string fall(const Diagnosis& diagnosis) {
   if (diagnosis.ladder.size() < 2) return "";
-  return fmt::format("adding {} takes the error on captures held out from {:.2g} to {:.2g} (the floor is 1)",
-                     diagnosis.ladder.size() == 2 ? "it" : "them", diagnosis.ladder.front().score.heldout,
-                     diagnosis.ladder.back().score.heldout);
+  const Score &before = diagnosis.ladder.front().score, &after = diagnosis.ladder.back().score;
+  std::string text =
+      fmt::format("adding {} takes the error on captures held out from {:.2g} to {:.2g} (the floor is 1)",
+                  diagnosis.ladder.size() == 2 ? "it" : "them", before.heldout, after.heldout);
+  if (after.bias_rms_mm < 0.7 * before.bias_rms_mm)
+    text += fmt::format(", their mean depth error from {:.2g} to {:.2g} mm", before.bias_rms_mm, after.bias_rms_mm);
+  return text;
 }
 
 }  // namespace
@@ -66,6 +70,11 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
       diagnosis.advice.push_back(fmt::format("{} and {} look the same in these captures; to tell them apart, record {}",
                                              candidate.effect, list(candidate.confounded_with), list(captures)));
     }
+  for (const auto& [effect, capture] : diagnosis.unconfirmed)
+    diagnosis.advice.push_back(fmt::format(
+        "{} would explain much of {}, but no capture held out shows it, so that nothing confirms it: record "
+        "another such target, at another place, in the split test",
+        effect, capture));
   for (const auto& entry : diagnosis.unexplained) {
     std::string text =
         fmt::format("{}: {} times what the model's own randomness explains", entry.segment, times(entry.ratio));

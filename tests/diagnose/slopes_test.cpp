@@ -125,7 +125,7 @@ TEST(ByPeriod, NeighboursDifferByOnePeriodAcrossTheImage) {
       if (spec.kind == ParameterKind::phase) phase = &spec;
       if (!spec.interpolate && spec.log_scaled && spec.name != effect->amplitude) period = &spec;
     }
-    const Hypothesis close = by_period(hypothesis, values, width / 4);
+    const Hypothesis close = by_period(hypothesis, values, width);
     if (!phase || !period) {
       EXPECT_TRUE(close.paths.empty()) << effect->name;
       continue;

@@ -61,9 +61,9 @@ TEST(RecordedFixtures, ADomeIsInTheImperfectCampaignAndNotInTheCleanOne) {
 TEST(RecordedFixtures, NominalScenesExplainTheCleanCampaign) {
   const RecordingSet set = RecordingSet::open(fixture("campaign-clean"));
   const SceneForwardModel forward(set);
-  ASSERT_EQ(forward.captures().size(), 19u);
+  ASSERT_EQ(forward.captures().size(), 20u);
   const SensorModel perfect = parse_sensor_model("name: perfect\n", "perfect", effect_catalogue());
-  for (int c = 0; c < 19; ++c) {
+  for (int c = 0; c < 20; ++c) {
     const CaptureInfo& info = forward.captures()[c];
     const auto channels = forward.perfect(c, 0, {}, Channel::depth | Channel::normal | Channel::edge_distance, perfect);
     const Frame frame = set.capture(info.key()).frame(0);

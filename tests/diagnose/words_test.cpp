@@ -1,0 +1,72 @@
+// What users are told: from results to sentences, without any simulation.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "diagnose/diagnose.h"
+#include "diagnose/search.h"
+#include "sim/effect.h"
+
+namespace binrig {
+namespace {
+
+using testing::Contains;
+using testing::HasSubstr;
+using testing::Not;
+
+Diagnosis one_added(double bias_before_mm, double bias_after_mm) {
+  Diagnosis diagnosis;
+  diagnosis.verdict = Verdict::missing_effect;
+  diagnosis.candidates.resize(1);
+  diagnosis.candidates[0].effect = diagnosis.candidates[0].id = "depth_offset";
+  diagnosis.ladder.resize(2);
+  diagnosis.ladder[0].score.heldout = 3.14;
+  diagnosis.ladder[0].score.bias_rms_mm = bias_before_mm;
+  diagnosis.ladder[1].score.heldout = 1.04;
+  diagnosis.ladder[1].score.bias_rms_mm = bias_after_mm;
+  return diagnosis;
+}
+
+TEST(Words, TheHeadlineNamesTheEffectAndHowFarTheErrorFalls) {
+  Diagnosis diagnosis = one_added(0.61, 0.08);
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_THAT(diagnosis.headline, HasSubstr("lacks depth_offset"));
+  EXPECT_THAT(diagnosis.headline, HasSubstr("from 3.1 to 1 "));
+  EXPECT_THAT(diagnosis.headline, HasSubstr("mean depth error from 0.61 to 0.08 mm"));
+}
+
+TEST(Words, AMeanDepthErrorThatStaysIsNotMentioned) {
+  Diagnosis diagnosis = one_added(0.080, 0.079);  // it was the noise that changed
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_THAT(diagnosis.headline, Not(HasSubstr("mean depth error")));
+}
+
+TEST(Words, WhatNoHeldOutCaptureShowsIsSaidWithTheCaptureToRecord) {
+  Diagnosis diagnosis;
+  diagnosis.verdict = Verdict::unknown_effect;
+  diagnosis.unconfirmed = {{"low_signal_dropout", "train/8 chart"}};
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_THAT(diagnosis.advice, Contains(testing::AllOf(HasSubstr("low_signal_dropout"), HasSubstr("train/8 chart"),
+                                                        HasSubstr("split test"))));
+  EXPECT_THAT(diagnosis.headline, Not(HasSubstr("low_signal_dropout"))) << "it is no finding";
+}
+
+Refined gains(double train, double test, double shown_on_test) {
+  Refined refined;
+  refined.train_gain = train;
+  refined.test_gain = test;
+  refined.shown_on_test = shown_on_test;
+  return refined;
+}
+
+TEST(SearchResult, WhatTestCannotShowIsUnconfirmedAndWhatItContradictsIsNot) {
+  const SearchOptions options;
+  SearchResult found;
+  found.refined = {gains(500, 400, 420), gains(500, 0.1, 0.3), gains(500, -300, 280), gains(3, 0, 0)};
+  ASSERT_EQ(found.accepted(options).size(), 1u);
+  EXPECT_EQ(found.accepted(options)[0], &found.refined[0]);
+  ASSERT_EQ(found.unconfirmed(options).size(), 1u);
+  EXPECT_EQ(found.unconfirmed(options)[0], &found.refined[1]) << "the third fails on test, the fourth is chance";
+}
+
+}  // namespace
+}  // namespace binrig
