@@ -230,7 +230,7 @@ int main(int argc, char** argv) {
     std::ifstream file(out);
     for (std::string text; std::getline(file, text);) {
       lines.push_back(nlohmann::json::parse(text));
-      done.insert({lines.back()["effect"], lines.back()["seed"]});
+      done.emplace(lines.back()["effect"].get<std::string>(), lines.back()["seed"].get<int>());
     }
   }
   if (seeds > 0) {

@@ -34,11 +34,22 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
   }
   const Metric free(layout, Part::train, rows);
 
+  const auto path_of = [&](std::size_t s) -> const StrengthPath& {
+    return hypotheses.tested[signatures[s].hypothesis].paths[signatures[s].path];
+  };
   std::vector<double> chi(signatures.size());
+  std::vector<char> turned(signatures.size(), 0);  // the other sign is nearer
   parallel_for(static_cast<int>(signatures.size()), [&](int s) {
-    Whitened rest = standard.difference(signatures[s].change);
-    for (std::size_t i = 0; i < rest.size(); ++i) rest[i] = data[i] - rest[i];
-    chi[s] = free.explain(rest).chi;
+    const Whitened change = standard.difference(signatures[s].change);
+    const auto left = [&](float sign) {
+      Whitened rest = data;
+      for (std::size_t i = 0; i < rest.size(); ++i) rest[i] -= sign * change[i];
+      return free.explain(rest).chi;
+    };
+    chi[s] = left(1);
+    if (!path_of(s).mirror) return;
+    const double other = left(-1);
+    if (other < chi[s]) chi[s] = other, turned[s] = 1;
   });
   std::map<int, std::size_t> best;  // signature by hypothesis
   for (std::size_t s = 0; s < signatures.size(); ++s) {
@@ -58,9 +69,9 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
     SensorModel model = given;
     Anew anew;
     anew.hypothesis = signatures[s].hypothesis;
-    anew.id = add_effect(model, catalogue, hypothesis.effect,
-                         hypothesis.paths[signatures[s].path].atoms[signatures[s].atom].values)
-                  .id;
+    auto values = path_of(s).atoms[signatures[s].atom].values;
+    if (turned[s]) values[hypothesis.declaration->amplitude] *= -1;
+    anew.id = add_effect(model, catalogue, hypothesis.effect, values).id;
     FitOptions options;
     options.most_frames = frames;
     options.iterations = 4;

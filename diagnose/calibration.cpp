@@ -90,12 +90,14 @@ class Calibrator {
       if (result.converged || round + 1 == (result.rung.dispersion > wrong ? 2 : most_rounds)) break;
       RungOptions again = rung_options_;
       again.passes = 0;
+      again.narrow = narrow_of(first_);
       result.rung = fit_rung(experiment_, motions_, measured_, model_, result.rung.offsets, again);
     }
     result.dispersion = result.rung.dispersion;
     report(result.rung);
     bound_strengths(result.rung);
-    for (const auto& [id, spec] : steps_) choose_step(result.rung, id, *spec);
+    for (const auto& [id, spec] : steps_)
+      if (!entry_of(id, spec->name).determined()) choose_step(result.rung, id, *spec);
     write();
     result.model = model_;
     result.parameters = parameters_;

@@ -199,19 +199,12 @@ class Climb {
     return true;
   }
 
-  static std::vector<FitParameter> narrow_of(const Rung& rung) {
-    std::vector<FitParameter> result;
-    for (const FitParameter& p : rung.fit.parameters)
-      if (p.narrow) result.push_back(p);
-    return result;
-  }
-
   /// The rung's model with a hypothesis added, everything fitted again. What the model had before was bent to make up
   /// for what was missing: it begins anew where the user put it.
   Rung with_added(const Rung& rung, const Refined& hypothesis) const {
     RungOptions options = rung_options_;
     options.added = hypothesis.id;
-    options.narrow = narrow_of(rung);
+    options.narrow = narrow_of(rung.fit.parameters);
     SensorModel start = hypothesis.model;
     for (auto& instance : start.effects)
       if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
@@ -228,7 +221,7 @@ class Climb {
       again.simulations = 8;  // only their mean is looked at
       again.passes = 1;
       again.iterations = 4;
-      again.narrow = narrow_of(rungs_.back());
+      again.narrow = narrow_of(rungs_.back().fit.parameters);
       std::vector<Rung> pair{rungs_.back(),
                              fit_rung(experiment_, motions_, measured_, without, rungs_.back().offsets, again)};
       const auto judged = scores(experiment_.layout(), pair[0], measured_.all, pair);
@@ -260,11 +253,23 @@ class Climb {
       entry.channel = fit.group;
       entry.segment = fit.segment;
       entry.ratio = fit.ratio;
+      if (fit.segment == "intrinsics") entry.shape = wanted_intrinsics();
       diagnosis_.unexplained.push_back(entry);
     }
     evidence_.unexplained_segments.assign(unexplained.begin(), unexplained.end());
     diagnosis_.verdict = judge(evidence_);
     screen(experiment_, rungs_.back(), measured_.all, diagnosis_.unexplained);
+  }
+
+  /// Where the data want the camera's numbers.
+  std::string wanted_intrinsics() const {
+    const char* const names[] = {"focal length", "principal point in x", "principal point in y"};
+    std::string text;
+    for (std::size_t m = 0; m < motions_.size(); ++m)
+      if (const SceneMotion& motion = motions_[m]; motion.capture < 0)
+        text += fmt::format("{}the {} {:+.2g} px from what the recording says (to {:.2g} px)", text.empty() ? "" : ", ",
+                            names[motion.element - 6], rungs_.back().nuisances[m] * motion.sigma, motion.sigma);
+    return text;
   }
 
   /// Parameters and intervals of a model that something was added to, from one more step against all of its own

@@ -34,6 +34,9 @@ FitParameter fit_parameter(const EffectInstance& instance, const ParameterSpec& 
 std::vector<FitParameter> fit_parameters(const SensorModel& model, const EffectCatalogue& catalogue,
                                          const std::vector<std::string>& ids = {});
 
+/// Those of them that are.
+std::vector<FitParameter> narrow_of(const std::vector<FitParameter>& parameters);
+
 struct FitOptions {
   int seeds = 2;
   int most_frames = 0;  ///< of Trial

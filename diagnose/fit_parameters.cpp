@@ -67,6 +67,13 @@ std::vector<FitParameter> fit_parameters(const SensorModel& model, const EffectC
   return result;
 }
 
+std::vector<FitParameter> narrow_of(const std::vector<FitParameter>& parameters) {
+  std::vector<FitParameter> result;
+  std::copy_if(parameters.begin(), parameters.end(), std::back_inserter(result),
+               [](const FitParameter& p) { return p.narrow; });
+  return result;
+}
+
 Eigen::VectorXd half_intervals(const Fit& fit, double dispersion) {
   const int n = static_cast<int>(fit.parameters.size());
   if (fit.half_interval.size() == n || fit.precision.rows() != n) return fit.half_interval;

@@ -84,7 +84,8 @@ Hypothesis make(const EffectDeclaration& effect) {
     path.detail = detail[k];
     path.one_of_many = k >= first_place;
     path.interpolate = !is_discrete(*amplitude);
-    path.mirror = amplitude->either_sign && path.interpolate;
+    // Pixels that come and go do not come and go the other way round.
+    path.mirror = amplitude->either_sign && path.interpolate && !effect.may_clear;
     for (double a : amplitudes(effect, *amplitude, k == 0 && !phase)) {
       Atom atom{shapes[k]};
       atom.values[effect.amplitude] = a;
@@ -100,7 +101,7 @@ Hypothesis make(const EffectDeclaration& effect) {
       for (auto& atom : quarter.atoms) atom.values[phase->name] = half_pi;
       hypothesis.paths.push_back(quarter);
     }
-    if (amplitude->either_sign && !path.interpolate) {
+    if (amplitude->either_sign && !path.mirror) {
       StrengthPath negative = path;
       for (auto& atom : negative.atoms)
         atom.values[effect.amplitude] = clip(*amplitude, -atom.values[effect.amplitude]);

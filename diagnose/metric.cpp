@@ -9,6 +9,7 @@ namespace binrig {
 Metric::Metric(const Layout& layout, Part part, const std::vector<NuisanceRow>& rows,
                const Eigen::MatrixXd& global_precision)
     : part_(part), size_(layout.size), row_count_(rows.size()) {
+  for (const NuisanceRow& row : rows) stated_.push_back(row.stated);
   std::map<int, std::pair<int, int>> span;
   for (const auto& block : layout.blocks) {
     const bool counts = part == Part::all || (part == Part::train) == block.train;
@@ -152,16 +153,18 @@ Explained Metric::explain(const Whitened& residual, const std::vector<double>& p
     Eigen::Map<Eigen::VectorXf>(rest.data() + group.begin, group.end - group.begin) += group.change.transpose() * x;
   }
   result.chi = project(rest, &result.values, &result.global);
-  std::size_t local = 0;
-  for (const auto& group : groups_) {
-    for (int row : group.rows) result.local_square += result.values[row] * result.values[row];
-    local += group.rows.size();
-  }
-  if (local > 0) result.local_square /= static_cast<double>(local);
   if (global_centre.size()) {
     result.global += global_centre;
     for (int k = 0; k < g; ++k) result.values[global_index_[k]] = result.global[k];
   }
+  double local_prior = 0, local = 0, shared = 0;
+  const auto add = [&](int row, double& sum, double& count) {
+    if (stated_[row]) sum += result.values[row] * result.values[row], count += 1;
+  };
+  for (const auto& group : groups_)
+    for (int row : group.rows) add(row, local_prior, local);
+  for (int row : global_index_) add(row, result.shared_prior, shared);
+  result.stated = {local_prior / std::max(1.0, local), result.shared_prior / std::max(1.0, shared)};
   compress(rest);
   for (const auto& [begin, end] : spans_)
     for (int i = begin; i < end; ++i) result.chi += static_cast<double>(rest[i]) * rest[i];

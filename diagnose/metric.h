@@ -15,15 +15,23 @@ namespace binrig {
 struct NuisanceRow {
   Whitened change;
   int capture = -1;  ///< the one capture that it touches; -1 = all
+  /// The prior is an uncertainty that somebody stated, not a wide guess: far away is a misfit.
+  bool stated = false;
+};
+
+/// Mean squares, in prior sigmas, of the nuisances with a stated uncertainty: about 1 or less where things are as they
+/// are said to be. 0 if there are none.
+struct Stated {
+  double poses = 0;       ///< of those of single captures
+  double intrinsics = 0;  ///< of those that all captures share
 };
 
 /// A residual with the nuisances at their most probable values.
 struct Explained {
   Whitened rest;   ///< what they leave, compressed; zero in captures that do not count
   double chi = 0;  ///< square of the rest, plus the prior's part
-  /// Mean square of the captures' own nuisances, in prior sigmas: about 1 or less where targets stand as they are said
-  /// to. 0 if there are none.
-  double local_square = 0;
+  Stated stated;
+  double shared_prior = 0;     ///< sum of squares of the stated ones that all captures share
   std::vector<double> values;  ///< of the nuisances, in the order of the rows, from the prior's centre
   Eigen::VectorXd global;      ///< those of the global rows
 };
@@ -73,6 +81,7 @@ class Metric {
   std::vector<std::pair<int, int>> spans_;  // that count
   std::vector<Group> groups_;
   std::vector<int> global_index_;
+  std::vector<bool> stated_;                       // by row
   std::vector<Whitened> global_, global_applied_;  // rows, and Q_local of them
   Eigen::MatrixXd prior_, posterior_, inverse_;
   std::size_t size_ = 0, row_count_ = 0;

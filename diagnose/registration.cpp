@@ -66,6 +66,7 @@ RegistrationPrior registration_prior(const SetInfo& set, const Camera& camera) {
   }
   if (set.pose_sigma_rad && !set.poses_fitted_to_this_depth) prior.pose_rad = std::max(1e-6, *set.pose_sigma_rad);
   if (set.cam_K_sigma_px) {
+    prior.intrinsics_known = true;
     prior.focal_px = std::max(1e-3, (*set.cam_K_sigma_px)[0]);
     prior.cx_px = std::max(1e-3, (*set.cam_K_sigma_px)[1]);
     prior.cy_px = std::max(1e-3, (*set.cam_K_sigma_px)[2]);
@@ -78,9 +79,9 @@ std::vector<SceneMotion> scene_motions(const Experiment& experiment, const Senso
   const int captures = experiment.layout().captures;
   std::vector<SceneMotion> motions;
   for (int c = 0; c < captures; ++c)
-    for (int k = 0; k < 6; ++k) motions.push_back({c, k, k < 3 ? prior.pose_rad : prior.pose_mm, {}});
+    for (int k = 0; k < 6; ++k) motions.push_back({c, k, k < 3 ? prior.pose_rad : prior.pose_mm, true, {}});
   const double intrinsics[] = {prior.focal_px, prior.cx_px, prior.cy_px};
-  for (int k = 0; k < 3; ++k) motions.push_back({-1, 6 + k, intrinsics[k], {}});
+  for (int k = 0; k < 3; ++k) motions.push_back({-1, 6 + k, intrinsics[k], prior.intrinsics_known, {}});
   std::vector<std::vector<std::vector<std::pair<int, float>>>> shared(
       3, std::vector<std::vector<std::pair<int, float>>>(captures));
   parallel_for(captures, [&](int c) {
@@ -112,7 +113,7 @@ std::vector<NuisanceRow> motion_rows(const Layout& layout, const Standard& stand
   parallel_for(static_cast<int>(motions.size()), [&](int m) {
     StatVector raw(layout.size, 0.f);
     for (const auto& [index, value] : motions[m].change) raw[index] = value;
-    rows[m] = {standard.difference(raw), motions[m].capture};
+    rows[m] = {standard.difference(raw), motions[m].capture, motions[m].stated};
   });
   return rows;
 }

@@ -11,7 +11,7 @@ namespace binrig {
 struct RegistrationPrior {
   double pose_mm = 2, pose_rad = 0.005;
   double focal_px = 2, cx_px = 0.5, cy_px = 0.5;
-  bool poses_known = false;
+  bool poses_known = false, intrinsics_known = false;
 };
 RegistrationPrior registration_prior(const SetInfo& set, const Camera& camera);
 
@@ -22,6 +22,7 @@ struct SceneMotion {
   int capture = -1;                           ///< -1: an intrinsic, touches all
   int element = 0;                            ///< of Offset::pose, or 6, 7, 8 = focal length, cx, cy
   double sigma = 0;                           ///< one prior sigma
+  bool stated = true;                         ///< NuisanceRow::stated
   std::vector<std::pair<int, float>> change;  ///< element of the vector, mm
 };
 std::vector<SceneMotion> scene_motions(const Experiment& experiment, const SensorModel& model,

@@ -220,8 +220,8 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   Remains remains = remains_of(rung, rung.data, rung.place);
   rung.rest = std::move(remains.rest);
   rung.nuisances = std::move(remains.nuisances);
-  rung.train_poses = remains.train_poses;
-  rung.test_poses = remains.test_poses;
+  rung.train_stated = remains.train_stated;
+  rung.test_stated = remains.test_stated;
   return rung;
 }
 
@@ -229,7 +229,7 @@ Remains remains_of(const Rung& rung, const Whitened& difference, const std::vect
   Explained train = rung.train.explain(difference, place);
   const Explained test = rung.test.explain(difference, place, train.global);
   for (std::size_t i = 0; i < train.rest.size(); ++i) train.rest[i] += test.rest[i];  // one of them is 0
-  return {std::move(train.rest), std::move(train.values), train.local_square, test.local_square};
+  return {std::move(train.rest), std::move(train.values), train.stated, test.stated};
 }
 
 }  // namespace binrig

@@ -20,8 +20,8 @@ struct Rung {
   Whitened data;                        ///< y of the measurement, not compressed
   Whitened rest;                        ///< what the nuisances leave of it, compressed, train and test
   std::vector<double> nuisances;        ///< of train.explain: where nuisances stand, from the prior's centre
-  double train_poses = 0, test_poses = 0;  ///< Remains
-  double dispersion = 1;                   ///< mean square of the residual on train over that of the nulls, at least 1
+  Stated train_stated, test_stated;     ///< Remains
+  double dispersion = 1;                ///< mean square of the residual on train over that of the nulls, at least 1
 };
 
 struct RungOptions {
@@ -38,9 +38,9 @@ struct RungOptions {
 /// What a rung's nuisances leave of a difference between data and simulations made with nuisances at `place`. Global
 /// nuisances are found on train and carried over.
 struct Remains {
-  Whitened rest;                           ///< train and test, compressed
-  std::vector<double> nuisances;           ///< on train
-  double train_poses = 0, test_poses = 0;  ///< Explained::local_square
+  Whitened rest;                  ///< train and test, compressed
+  std::vector<double> nuisances;  ///< on train
+  Stated train_stated, test_stated;
 };
 Remains remains_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place);
 

@@ -6,14 +6,16 @@
 namespace binrig {
 namespace {
 
-/// "poses" follows the segments of the statistics.
-std::size_t parts() { return segments().size() + 1; }
-std::string part_name(std::size_t s) { return s < segments().size() ? segments()[s].name : "poses"; }
+/// "poses" and "intrinsics" follow the segments of the statistics.
+std::size_t parts() { return segments().size() + 2; }
+std::string part_name(std::size_t s) {
+  return s < segments().size() ? segments()[s].name : s == segments().size() ? "poses" : "intrinsics";
+}
 std::string part_group(std::size_t s) { return s < segments().size() ? segments()[s].group : "poses"; }
 
 /// Mean square by segment of a residual on one side of the split; -1 where nothing is known.
-std::vector<double> mean_squares(const Layout& layout, const Standard& standard, const Whitened& y, double poses,
-                                 bool train) {
+std::vector<double> mean_squares(const Layout& layout, const Standard& standard, const Whitened& y,
+                                 const Stated& stated, bool train) {
   std::vector<double> sum(segments().size(), 0), count(segments().size(), 0);
   for (const auto& block : layout.blocks) {
     if (block.train != train) continue;
@@ -21,8 +23,16 @@ std::vector<double> mean_squares(const Layout& layout, const Standard& standard,
       if (standard.spread()[i] > 0) sum[block.segment] += static_cast<double>(y[i]) * y[i], count[block.segment] += 1;
   }
   for (std::size_t s = 0; s < sum.size(); ++s) sum[s] = count[s] > 0 ? sum[s] / count[s] : -1;
-  sum.push_back(poses);
+  sum.push_back(stated.poses);
+  sum.push_back(stated.intrinsics);
   return sum;
+}
+
+/// A recording in which nothing is missing; what all captures share is found on train, as it is of the data.
+std::vector<double> null_squares(const Layout& layout, const Rung& rung, const Whitened& null, bool train) {
+  Explained own = rung.train.explain(null);
+  if (!train) own = rung.test.explain(null, {}, own.global);
+  return mean_squares(layout, rung.standard, own.rest, own.stated, train);
 }
 
 }  // namespace
@@ -47,8 +57,7 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
   std::vector<double> floor(parts(), 0);
   std::vector<std::vector<double>> nulls;
   for (const auto& null : last.nulls) {
-    const Explained own = last.test.explain(null);
-    nulls.push_back(mean_squares(layout, last.standard, own.rest, own.local_square, false));
+    nulls.push_back(null_squares(layout, last, null, false));
     for (std::size_t s = 0; s < floor.size(); ++s) floor[s] += nulls.back()[s] / last.nulls.size();
   }
   const auto average = [&](const std::vector<double>& squares) {
@@ -69,7 +78,7 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
     std::vector<double> place = rung.place;  // of the targets, which come first; parameters stand at 0
     place.resize(last.place.size(), 0);
     const Remains remains = remains_of(last, last.standard.difference(difference), place);
-    const auto squares = mean_squares(layout, last.standard, remains.rest, remains.test_poses, false);
+    const auto squares = mean_squares(layout, last.standard, remains.rest, remains.test_stated, false);
     Score score;
     score.heldout = average(squares);
     if (!own.empty()) {
@@ -118,13 +127,11 @@ bool SegmentFit::significant() const {
 std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung) {
   std::vector<SegmentFit> result;
   for (bool train : {true, false}) {
-    const Metric& metric = train ? rung.train : rung.test;
     const auto measured =
-        mean_squares(layout, rung.standard, rung.rest, train ? rung.train_poses : rung.test_poses, train);
+        mean_squares(layout, rung.standard, rung.rest, train ? rung.train_stated : rung.test_stated, train);
     std::vector<double> sum(measured.size(), 0), square(measured.size(), 0);
     for (const auto& null : rung.nulls) {
-      const Explained explained = metric.explain(null);
-      const auto own = mean_squares(layout, rung.standard, explained.rest, explained.local_square, train);
+      const auto own = null_squares(layout, rung, null, train);
       for (std::size_t s = 0; s < own.size(); ++s) sum[s] += own[s], square[s] += own[s] * own[s];
     }
     const double n = static_cast<double>(rung.nulls.size());

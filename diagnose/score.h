@@ -14,7 +14,8 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
                           const std::vector<Rung>& rungs);
 
 /// A segment on one side of the split against the model's own simulations. Beside the segments of the statistics there
-/// is "poses": how far from nominal, in their stated uncertainty, targets must stand for the model to be right.
+/// are "poses" and "intrinsics": how far from nominal, in their stated uncertainty, targets must stand and the camera's
+/// numbers be for the model to be right.
 struct SegmentFit {
   std::string segment, group;
   bool train = true;

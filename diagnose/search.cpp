@@ -40,7 +40,8 @@ Remainder remainder_of(const Experiment& experiment, const Rung& rung, const Sen
   // A target is in train or in test, and 0 in the other; what all captures share was found on train.
   for (std::size_t r = 0; r < train.values.size(); ++r)
     if (train.values[r] == 0) train.values[r] = test.values[r];
-  return {std::move(simulated.mean), train.chi, test.chi, std::move(train.values)};
+  // Intrinsics that the captures held out want far from where they are said to be count there, too.
+  return {std::move(simulated.mean), train.chi, test.chi + test.shared_prior, std::move(train.values)};
 }
 
 /// Where a model wants the targets: under the rung's model they may have been moved far away to make up for what it
@@ -79,7 +80,19 @@ LinearGain with_period(const Experiment& experiment, const Rung& rung, const Hyp
                        const SearchOptions& options) {
   Hypotheses close;
   close.tested.push_back(by_period(hypothesis, start.values, experiment.nominal(0).depth_mm.cols));
-  if (close.tested[0].paths.empty()) return start;
+  auto& paths = close.tested[0].paths;
+  if (paths.empty()) return start;
+  // And the one to beat: what is left where poses went astray may lead anywhere.
+  for (int quarter : {0, 1}) {
+    const Atom& like = paths[quarter].atoms[0];
+    StrengthPath own = paths[quarter];
+    own.atoms[0].values = start.values;
+    for (const auto& spec : hypothesis.declaration->parameters)
+      if (spec.kind == ParameterKind::phase || spec.name == hypothesis.declaration->amplitude)
+        own.atoms[0].values[spec.name] = like.values.at(spec.name);
+    if (quarter) own.quadrature_of = static_cast<int>(paths.size()) - 1;
+    paths.push_back(own);
+  }
   std::vector<double> power(experiment.layout().captures, 0);
   for (const Signature& signature : signatures)
     if (signature.hypothesis == start.hypothesis)
@@ -114,15 +127,30 @@ Refined refine(const Experiment& experiment, const std::vector<SceneMotion>& mot
   Refined refined;
   refined.id = add_effect(model, catalogue, hypothesis.effect, start.values).id;
   const ParameterSpec* amplitude = hypothesis.declaration->parameter(hypothesis.declaration->amplitude);
-  if (amplitude && amplitude->either_sign) {
-    // Variances and shares do not turn round with the sign as the linear view has it: both signs are simulated.
+  if (amplitude && amplitude->interpolate) {
     auto values = start.values;
-    values[amplitude->name] = -values[amplitude->name];
-    const SensorModel other = with_effect(rung.model, catalogue, hypothesis.effect, values);
+    double& value = values[amplitude->name];
     const auto chi = [&](const SensorModel& m) {
       return registered_remainder(experiment, motions, rung, m, options).train;
     };
-    if (chi(other) < chi(model)) model = other;
+    double best = chi(model);
+    const auto better = [&](double other) {
+      const double before = value;
+      value = std::clamp(other, amplitude->lower, amplitude->upper);
+      const SensorModel changed = with_effect(rung.model, catalogue, hypothesis.effect, values);
+      const double its = chi(changed);
+      if (tracing())
+        fmt::print(stderr, "  {} {} {:.4g}: chi {:.0f} (best {:.0f})\n", hypothesis.effect, amplitude->name, value, its,
+                   best);
+      if (its < best) return best = its, model = changed, true;
+      value = before;
+      return false;
+    };
+    // Variances and shares do not turn round with the sign as the linear view has it: both signs are simulated. And
+    // where poses or intrinsics went far to make up for what is missing, the linear view ends early.
+    if (amplitude->either_sign) better(-value);
+    while (std::abs(value) < strength_value(*hypothesis.declaration, Strength::strong) && better(3 * value)) {
+    }
   }
   const Needs& needs = hypothesis.declaration->needs;
   FitOptions fit;
@@ -183,7 +211,9 @@ class Search {
     refine_shortlist();
     // Signatures are of the model as given, without what was added to it since.
     const double astray = result_.accepted(options_).empty() ? options_.unexplained : options_.astray;
-    if (left_ > astray && rung_.model.effects.size() == book_.model().effects.size()) look_again();
+    // Where poses or intrinsics made up for what is missing, the rest says little of it.
+    const bool misplaced = std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced;
+    if ((left_ > astray || misplaced) && rung_.model.effects.size() == book_.model().effects.size()) look_again();
     std::sort(result_.refined.begin(), result_.refined.end(),
               [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
     return std::move(result_);
@@ -241,7 +271,8 @@ class Search {
   }
 
   /// A few wild simulations of one hypothesis (holes where none of the others has any) must not hide all others: the
-  /// common bar is a robust one, and each hypothesis has to clear its own besides.
+  /// common bar is a robust one, and each hypothesis has to clear its own besides. One of which chance makes hardly
+  /// anything need not clear what chance makes of others.
   void set_gates() {
     const std::size_t nulls = rung_.nulls.size();
     std::vector<double> best_null(nulls, 0);
@@ -253,7 +284,8 @@ class Search {
     for (int h = 0; h < count_; ++h) {
       double square = 0;
       for (double gain : result_.null_gains[h]) square += std::pow(gain - result_.prices[h], 2) / nulls;
-      own_gate_.push_back(std::max(result_.gate, 3 * std::sqrt(square)));
+      const double own = std::sqrt(square);
+      own_gate_.push_back(std::max(3 * own, std::min(result_.gate, options_.least_train_gain + 10 * own)));
     }
   }
 
@@ -414,7 +446,9 @@ bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
   // much. The data decide unless D is within two standard deviations of nothing, or the loss is.
   const double lost = a.score() - b.score();
   const Separation s = separation(rung, a, b);
-  return lost < 9 || (s.cosine > 0.9 && lost < 2 * std::sqrt(s.distance2));
+  // And nobody simulates an effect to better than a hundredth of what it does.
+  return lost < 9 || (s.cosine > 0.9 && lost < 2 * std::sqrt(s.distance2)) ||
+         (s.cosine > 0.99 && lost < 0.01 * a.score());
 }
 
 }  // namespace binrig

@@ -36,6 +36,7 @@ struct SearchOptions {
   std::uint64_t seed = 501;
   double astray = 3;           ///< dispersion beyond which, whoever explains it, hypotheses are fitted anew,
   double unexplained = 1.15;   ///< and beyond which if nobody does
+  double misplaced = 3;        ///< so does a mean square of poses or intrinsics, in stated uncertainties
   int anew = 2;                ///< so many
   double least_test_gain = 9;  ///< three standard deviations of an effect that is known
   double least_train_gain = 16;

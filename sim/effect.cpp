@@ -58,17 +58,20 @@ std::pair<float, float> valid_range(const cv::Mat& depth_mm, const cv::Mat& reas
   return {low, high};
 }
 
-void replace_scene_depth(Layers& layers, const cv::Mat& nominal_mm, const cv::Mat& seen_mm) {
+void OtherView::apply(Layers& layers, const Channels& nominal, const FrameInstant& instant) {
+  seen_ = look(instant);
+  if (!layers.ir.empty() && !seen_->ir.empty()) layers.ir = seen_->ir.clone();
+  const cv::Mat &nominal_mm = nominal.depth_mm, &seen_mm = seen_->depth_mm;
   constexpr auto measured = static_cast<std::uint8_t>(Reason::measured);
   constexpr auto no_surface = static_cast<std::uint8_t>(Reason::no_surface);
   for_rows(seen_mm.size(), [&](int first, int last) {
     for (int row = first; row < last; ++row) {
-      const float *nominal = nominal_mm.ptr<float>(row), *seen = seen_mm.ptr<float>(row);
+      const float *before = nominal_mm.ptr<float>(row), *seen = seen_mm.ptr<float>(row);
       float* z = layers.depth_mm.ptr<float>(row);
       std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
       for (int col = 0; col < seen_mm.cols; ++col) {
         if (reason[col] == measured) {
-          z[col] = seen[col] + (z[col] - nominal[col]);
+          z[col] = seen[col] + (z[col] - before[col]);
           if (!(seen[col] > 0)) reason[col] = no_surface;
         } else if (reason[col] == no_surface && seen[col] > 0) {
           z[col] = seen[col];

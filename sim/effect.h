@@ -65,8 +65,9 @@ struct CaptureContext {
   bool power_on = false;
   bool motion = false;  ///< poses differ between frames
   std::uint64_t seed = 1, unit_seed = 1, capture_key = 0;
-  std::string instance;      ///< id of the effect instance
-  std::string model_folder;  ///< relative files of options start here
+  std::string instance;                                         ///< id of the effect instance
+  std::string model_folder;                                     ///< relative files of options start here
+  ChannelSet wanted = static_cast<ChannelSet>(Channel::depth);  ///< what any effect of the model reads
   /// Renders another view of the scene at a frame. Absent where the source is not a scene (`binrig apply`).
   std::function<std::shared_ptr<const Channels>(const View&, int frame)> render;
 
@@ -83,6 +84,24 @@ class Run {
  public:
   virtual ~Run() = default;
   virtual void apply(Layers& layers, const Channels& channels, const FrameInstant& instant) = 0;
+};
+
+/// An effect that looks at another view than the nominal one: another lens, another instant. Depth becomes what is seen
+/// there, plus what earlier effects had added to the nominal one; where it meets nothing the pixel becomes no_surface,
+/// where only it meets something, valid. Effects that come after read their channels from that view, too: a shadow is
+/// where the lens sees it. Of two such effects both differences of depth are kept, and the later one's view is read.
+class OtherView : public Run {
+ public:
+  /// `nominal`: whatever effects came before.
+  void apply(Layers& layers, const Channels& nominal, const FrameInstant& instant) final;
+  const Channels& seen() const { return *seen_; }
+
+ protected:
+  /// With all channels of CaptureContext::wanted.
+  virtual std::shared_ptr<const Channels> look(const FrameInstant& instant) = 0;
+
+ private:
+  std::shared_ptr<const Channels> seen_;
 };
 
 struct Effect {
@@ -162,11 +181,6 @@ inline float with_disparity_added(float z_mm, float delta_px, float focal_baseli
 
 /// Least and largest valid depth of the square of half width `half` around a pixel that is valid itself.
 std::pair<float, float> valid_range(const cv::Mat& depth_mm, const cv::Mat& reason, int row, int col, int half);
-
-/// For effects that see another view than the nominal one: depth becomes `seen`, plus what earlier effects had added to
-/// `nominal`. Where the other view meets nothing the pixel becomes no_surface; where only the other view meets
-/// something, it becomes valid.
-void replace_scene_depth(Layers& layers, const cv::Mat& nominal_mm, const cv::Mat& seen_mm);
 
 /// What the disturbed thresholds share (thesis 5.3.7): the spread's spatial size, how much of it is new in every frame,
 /// and the weight function; and the field that they describe, keyed by the instance.

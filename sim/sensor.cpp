@@ -105,6 +105,7 @@ SensorRun::SensorRun(const SensorModel& model, const CaptureContext& context) : 
     step->stage = declaration.stage;
     step->context = context;
     step->context.instance = instance.id;
+    step->context.wanted = needed_channels(model, true);
     step->context.model_folder = std::filesystem::path(model.file).parent_path().string();
     try {
       step->run = effect->begin(instance, step->context);
@@ -142,12 +143,15 @@ Frame SensorRun::frame(const Channels& channels, const FrameInstant& instant) {
   if (!channels.ir.empty()) layers.ir = channels.ir.clone();
 
   bool noise_added = false;
+  const Channels* seen = &channels;
   for (const auto& step : impl_->steps) {
     if (!noise_added && step->stage > Stage::noise) {
       add_noise_to_depth(layers);
       noise_added = true;
     }
-    step->run->apply(layers, channels, instant);
+    const auto* other = dynamic_cast<const OtherView*>(step->run.get());
+    step->run->apply(layers, other ? channels : *seen, instant);
+    if (other) seen = &other->seen();
   }
   if (!noise_added) add_noise_to_depth(layers);
   store(layers, impl_->depth_scale_mm);

@@ -3,32 +3,32 @@
 //
 //   pixel x looks along the ray (1 + error) x
 //
-// Depth is that of the scene along the true ray; what effects before this one did to the pixel is kept as a difference.
-// Directions that meet nothing become no_surface, and the other way round.
+// Everything is that of the scene along the true ray, see OtherView.
 #include "core/error.h"
 #include "sim/effect.h"
 
 namespace binrig::effects {
 namespace {
 
-class FocalError : public Run {
+class FocalError : public OtherView {
  public:
   FocalError(const EffectInstance& instance, const CaptureContext& context) : context_(context) {
     if (!context.render) throw Error(instance.where + ": " + instance.id + " needs a scene that can be rendered");
     view_.camera = context.camera;
     view_.camera.fx /= 1 + instance.value("error");
     view_.camera.fy /= 1 + instance.value("error");
-  }
-
-  void apply(Layers& layers, const Channels& channels, const FrameInstant& instant) override {
-    if (!seen_ || context_.motion) seen_ = context_.render(view_, instant.number);
-    replace_scene_depth(layers, channels.depth_mm, seen_->depth_mm);
+    view_.wanted = context.wanted;
   }
 
  private:
+  std::shared_ptr<const Channels> look(const FrameInstant& instant) override {
+    if (!fixed_ || context_.motion) fixed_ = context_.render(view_, instant.number);
+    return fixed_;
+  }
+
   const CaptureContext& context_;
   View view_;
-  std::shared_ptr<const Channels> seen_;
+  std::shared_ptr<const Channels> fixed_;
 };
 
 }  // namespace
@@ -38,7 +38,7 @@ const Effect& focal_error() {
       {.name = "focal_error",
        .phenomenon = "The stated focal length is wrong: tilts and edges come out at the wrong place.",
        .stage = Stage::geometry,
-       .formula = "depth along the ray ((1 + error) x, (1 + error) y, 1) where the camera file says (x, y, 1)",
+       .formula = "the scene along the ray ((1 + error) x, (1 + error) y, 1) where the camera file says (x, y, 1)",
        .citation = "plain pinhole geometry",
        .deviation = "",
        .parameters = {{.name = "error",

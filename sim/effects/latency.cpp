@@ -1,29 +1,28 @@
 // Latency: the depth that a frame carries is older than its time stamp.
 //
-//   depth of the scene at t - delay
-//
-// What effects before this one did to the pixel is kept as a difference.
+//   the scene at t - delay, see OtherView
 #include "core/error.h"
 #include "sim/effect.h"
 
 namespace binrig::effects {
 namespace {
 
-class Latency : public Run {
+class Latency : public OtherView {
  public:
   Latency(const EffectInstance& instance, const CaptureContext& context)
       : context_(context), delay_s_(instance.value("delay")) {
     if (!context.render) throw Error(instance.where + ": " + instance.id + " needs a scene that can be rendered");
   }
 
-  void apply(Layers& layers, const Channels& channels, const FrameInstant& instant) override {
+ private:
+  std::shared_ptr<const Channels> look(const FrameInstant& instant) override {
     View view;
     view.camera = context_.camera;
     view.time_s = instant.time_s - delay_s_;
-    replace_scene_depth(layers, channels.depth_mm, context_.render(view, instant.number)->depth_mm);
+    view.wanted = context_.wanted;
+    return context_.render(view, instant.number);
   }
 
- private:
   const CaptureContext& context_;
   double delay_s_;
 };
@@ -34,7 +33,7 @@ const Effect& latency() {
   static const Effect effect{{.name = "latency",
                               .phenomenon = "Moving things appear where they were a moment ago.",
                               .stage = Stage::geometry,
-                              .formula = "depth of t - delay",
+                              .formula = "the scene of t - delay",
                               .citation = "plain delay",
                               .deviation = "",
                               .parameters = {{.name = "delay",

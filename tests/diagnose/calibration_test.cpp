@@ -85,6 +85,17 @@ TEST(Calibration, FindsAStepOfAboutTheNoise) {
   EXPECT_EQ(found.parameters.size(), 1u);
 }
 
+TEST(Calibration, FindsAPeriodThatTheStartMissed) {
+  // 3 % off: half a wave less over this image. A period is fitted with everything else, round after round.
+  const Calibration found =
+      calibrated("  - row_banding: {amplitude: 0.3, period: 9, phase: 0.6}\n  - spectral_noise: {sigma: 0.3}\n",
+                 "  - row_banding: {amplitude: 0.2, period: 9.27, phase: 0}\n  - spectral_noise: {sigma: 0.3}\n",
+                 {.fixed = {"spectral_noise"}});
+  expect_found(found, "row_banding", "period", 9, 0.1);
+  expect_found(found, "row_banding", "amplitude", 0.3, 0.05);
+  expect_found(found, "row_banding", "phase", 0.6, 0.2);
+}
+
 TEST(Calibration, NamesWhatTheRecordingCannotDetermine) {
   // Nothing in this campaign is ever as slanted as 89 degrees, and the effect of a lamp that is not lit has no place.
   const Calibration found =

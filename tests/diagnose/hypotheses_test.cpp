@@ -73,6 +73,23 @@ TEST(Hypotheses, AtomsLieWithinBoundsAndMakeValidModels) {
   }
 }
 
+TEST(Hypotheses, WherePixelsComeAndGoBothSignsAreSimulated) {
+  const NoMotion forward;
+  int both = 0;
+  for (const auto& hypothesis : make_hypotheses(forward, one_effect_model()).tested) {
+    const EffectDeclaration& effect = *hypothesis.declaration;
+    if (!effect.may_clear || !effect.parameter(effect.amplitude)->either_sign) continue;
+    ++both;
+    bool plus = false, minus = false;
+    for (const auto& path : hypothesis.paths) {
+      EXPECT_FALSE(path.mirror) << effect.name;
+      (path.atoms.at(0).values.at(effect.amplitude) > 0 ? plus : minus) = true;
+    }
+    EXPECT_TRUE(plus && minus) << effect.name;
+  }
+  EXPECT_GE(both, 1) << "the focal length";
+}
+
 TEST(Hypotheses, PhasesComeInPairsAQuarterApart) {
   const NoMotion forward;
   int pairs = 0;

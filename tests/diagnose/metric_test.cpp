@@ -129,6 +129,22 @@ TEST_F(MetricTest, EstimatesWhatMoved) {
   EXPECT_NEAR(values[1], -0.4, 0.01);
 }
 
+TEST_F(MetricTest, FarFromWhatWasStatedCountsAndFarFromAWideGuessDoesNot) {
+  pose.stated = global.stated = true;
+  NuisanceRow guess{normals(layout.size, 9), -1};
+  for (float& v : guess.change) v *= 30;
+  const Metric metric(layout, Part::train, {pose, global, guess});
+  Whitened y(layout.size);
+  for (int i = 0; i < layout.size; ++i) y[i] = 2 * pose.change[i] - 4 * global.change[i] + 3 * guess.change[i];
+  const Explained found = metric.explain(y);
+  EXPECT_NEAR(found.stated.poses, 4, 0.1);
+  EXPECT_NEAR(found.stated.intrinsics, 16, 0.3) << "of one row: the guess is none";
+  EXPECT_NEAR(found.shared_prior, 16, 0.3);
+  // Held out, around what train found: the distance is still that from what was stated.
+  const Metric test(layout, Part::test, {pose, global, guess}, metric.global_posterior());
+  EXPECT_NEAR(test.explain(y, {}, found.global).stated.intrinsics, 16, 0.3);
+}
+
 TEST(PValue, FallsWithTheGainAndSaysWhereItIsExtrapolated) {
   std::vector<double> nulls;
   for (int k = 0; k < 50; ++k) nulls.push_back(std::pow(RandomStream(4).normal(k), 2));

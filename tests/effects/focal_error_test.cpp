@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
 
+#include "sim/sensor.h"
 #include "tests/support/effect_run.h"
 
 namespace binrig {
@@ -32,6 +33,28 @@ TEST(FocalError, EdgesMoveInwardsForPositiveErrors) {
   };
   EXPECT_NEAR(width(0.06), 400.0 * 200 / 700 / 1.06, 1.01);
   EXPECT_NEAR(width(-0.06), 400.0 * 200 / 700 / 0.94, 1.01);
+}
+
+TEST(FocalError, ShadowsLieWhereTheLensSeesThem) {
+  test::AnalyticScene scene = test::plane_scene(800);
+  scene.box = {Vector3(-200, -200, 700), Vector3(200, 200, 800)};
+  const double e = 0.06;
+  const auto frame = [&](const Camera& camera, const std::vector<EffectInstance>& effects) {
+    const CaptureContext context = test::analytic_context(scene, camera);
+    SensorModel model;
+    model.effects = effects;
+    check_sensor_model(model, effect_catalogue());
+    return SensorRun(model, context)
+        .frame(*test::analytic_channels(scene, camera, context.projector_xyz_mm, context.reference_distance_mm), {});
+  };
+  const EffectInstance shadow = test::make_instance("projector_shadow", {{"bias", 1}});
+  Camera lens = test::small_camera();
+  lens.fx /= 1 + e, lens.fy /= 1 + e;
+  const Frame stated = frame(test::small_camera(), {test::make_instance("focal_error", {{"error", e}}), shadow});
+  const Frame true_lens = frame(lens, {shadow}), neither = frame(test::small_camera(), {shadow});
+  ASSERT_GT(cv::countNonZero(true_lens.reason != neither.reason), 100) << "the scene tells them apart";
+  EXPECT_EQ(cv::countNonZero(stated.reason != true_lens.reason), 0);
+  EXPECT_LT(cv::norm(stated.depth_mm, true_lens.depth_mm, cv::NORM_INF), 1e-3);
 }
 
 TEST(FocalError, SkyAndSurfaceChangePlaces) {
