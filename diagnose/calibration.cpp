@@ -95,6 +95,7 @@ class Calibrator {
     }
     result.dispersion = result.rung.dispersion;
     report(result.rung);
+    widen(result.rung);
     bound_strengths(result.rung);
     for (const auto& [id, spec] : steps_)
       if (!entry_of(id, spec->name).determined()) choose_step(result.rung, id, *spec);
@@ -142,6 +143,26 @@ class Calibrator {
         entry.ci95 = {{entry.value - t * sd, entry.value + t * sd}};
       } else {
         entry.ci95 = {{parameter.natural(last_.value[p] - t * sd), parameter.natural(last_.value[p] + t * sd)}};
+      }
+    }
+  }
+
+  /// Thresholds and widths move pixel after pixel: between two of them nothing changes, and a slope taken over many
+  /// says nothing of that. An interval reaches at least to where chi has risen by half of what its end stands for (by
+  /// less than all, since the other parameters stay).
+  void widen(const Rung& rung) {
+    constexpr int doublings = 6;
+    for (const FitParameter& parameter : first_) {
+      CalibratedParameter& entry = entry_of(parameter.id, parameter.name);
+      if (!entry.determined() || parameter.circular) continue;
+      const double at = parameter.scaled(entry.value), limit = 0.5 * chi_95 * rung.dispersion;
+      const double least = chi_with(rung, entry.id, entry.name, entry.value);
+      for (double& end : *entry.ci95) {
+        double reach = parameter.scaled(end) - at;
+        for (int k = 0; k < doublings && end > parameter.lower && end < parameter.upper; ++k, reach *= 2) {
+          end = parameter.natural(at + reach);
+          if (chi_with(rung, entry.id, entry.name, end) > least + limit) break;
+        }
       }
     }
   }

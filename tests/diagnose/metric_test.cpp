@@ -135,14 +135,14 @@ TEST_F(MetricTest, FarFromWhatWasStatedCountsAndFarFromAWideGuessDoesNot) {
   for (float& v : guess.change) v *= 30;
   const Metric metric(layout, Part::train, {pose, global, guess});
   Whitened y(layout.size);
-  for (int i = 0; i < layout.size; ++i) y[i] = 2 * pose.change[i] - 4 * global.change[i] + 3 * guess.change[i];
+  for (int i = 0; i < layout.size; ++i) y[i] = 0.5f * pose.change[i] - global.change[i] + 0.5f * guess.change[i];
   const Explained found = metric.explain(y);
-  EXPECT_NEAR(found.stated.poses, 4, 0.1);
-  EXPECT_NEAR(found.stated.intrinsics, 16, 0.3) << "of one row: the guess is none";
-  EXPECT_NEAR(found.shared_prior, 16, 0.3);
+  EXPECT_NEAR(found.stated.poses, 0.25, 0.02);
+  EXPECT_NEAR(found.stated.intrinsics, 1, 0.04) << "of one row: the guess is none";
+  EXPECT_NEAR(found.shared_prior, 1, 0.04);
   // Held out, around what train found: the distance is still that from what was stated.
   const Metric test(layout, Part::test, {pose, global, guess}, metric.global_posterior());
-  EXPECT_NEAR(test.explain(y, {}, found.global).stated.intrinsics, 16, 0.3);
+  EXPECT_NEAR(test.explain(y, {}, found.global).stated.intrinsics, 1, 0.04);
 }
 
 TEST(PValue, FallsWithTheGainAndSaysWhereItIsExtrapolated) {
