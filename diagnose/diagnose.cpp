@@ -20,7 +20,7 @@
 namespace binrig {
 namespace {
 
-constexpr double far_from_done = 1.3;       // dispersion
+constexpr double leaves_something = 1.05;   // dispersion
 constexpr double close_behind = 0.9;        // share of the best one's gain
 constexpr double least_fall = 0.02;         // share of what is left of the held-out score
 constexpr double least_proper_gain = 0.01;  // an element
@@ -148,14 +148,14 @@ class Climb {
     const auto worthy = found.accepted(search_options_);
     if (worthy.empty()) return false;
 
-    // The runner-up is tried, too, where the best leaves much: a model's bent parameters may have favoured the wrong
-    // one.
+    // The runner-up is tried, too, where the best leaves anything: a model's bent parameters may have favoured the
+    // wrong one.
     const Refined* best = worthy[0];
     Rung next = with_added(rung, *best);
     double proper = proper_score(layout, next);
     const auto runner_up = std::find_if(worthy.begin(), worthy.end(),
                                         [&](const Refined* other) { return other->effect != worthy[0]->effect; });
-    if (next.dispersion > far_from_done && runner_up != worthy.end() &&
+    if (next.dispersion > leaves_something && runner_up != worthy.end() &&
         (*runner_up)->score() > close_behind * best->score()) {
       Rung other = with_added(rung, **runner_up);
       const double its = proper_score(layout, other);

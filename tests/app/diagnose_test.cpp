@@ -1,5 +1,5 @@
-// binrig diagnose, as a user runs it, on recordings and models that no effect can explain: a clear sentence each, and
-// never the name of an effect.
+// binrig diagnose and improve, as a user runs them: on recordings and models that no effect can explain, a clear
+// sentence each, and never the name of an effect; on an instrument that no effect made, the imperfection it was given.
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -122,6 +122,29 @@ TEST_F(DiagnoseBadInput, ShadowsOnTheOtherSide) {
 TEST_F(DiagnoseBadInput, AnotherCamera) {
   expect_refused(diagnose(model_with("camera: recording", "camera: {width: 640, height: 480, horizontal_fov_deg: 60}")),
                  "another camera than the model's");
+}
+
+// The model was improved on the same instrument before it had the imperfection (fixtures/recorded/README.md), and is
+// far from exact: what differs between the two recordings is the dome, 0.11 .. 0.13 px in planes (with the locking that
+// comes with it; 0.15 were built in).
+TEST(ImproveInstrument, TheImperfectionIsTheFirstName) {
+  const test::ScratchFolder scratch;
+  const fs::path folder = fs::path(scratch / ""), source = BINRIG_SOURCE_DIR;
+  setenv("BINRIG_CACHE", (folder / "cache").c_str(), 1);
+  const auto run =
+      run_binrig("improve --quiet --measured " + (source / "fixtures/recorded/campaign-imperfect").string() +
+                 " --model " + (source / "fixtures/recorded/models/clean-improved.yaml").string() +
+                 " --max-effects 1 --out " + (folder / "out").string());
+  unsetenv("BINRIG_CACHE");
+  ASSERT_EQ(run.status, 0) << run.output;
+  const json diagnosis = json::parse(std::ifstream(folder / "out/diagnosis.json"));
+  ASSERT_EQ(diagnosis["candidates"].size(), 1u) << run.output;
+  EXPECT_EQ(diagnosis["candidates"][0]["effect"], "radial_distortion");
+  EXPECT_NEAR(diagnosis["candidates"][0]["parameters"]["amplitude"]["value"].get<double>(), 0.12, 0.02);
+  const json ladder = json::parse(std::ifstream(folder / "out/ladder.json"));
+  const json &before = ladder.front(), &after = ladder.back();
+  EXPECT_LT(after["heldout"].get<double>(), 0.6 * before["heldout"].get<double>());
+  EXPECT_LT(after["bias_rms_mm"].get<double>(), 0.4 * before["bias_rms_mm"].get<double>());
 }
 
 }  // namespace
