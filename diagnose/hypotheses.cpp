@@ -137,11 +137,13 @@ Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, d
       period = &spec;
   }
   if (!phase || !period || !amplitude) return result;
+  std::vector<double> periods{values.at(period->name)};
   const double least = 1 / period->typical_high, step = frequency_step(*period, cols);
-  for (int k = 0; k < periods_across(cols); ++k) {
+  for (int k = 0; k < periods_across(cols); ++k) periods.push_back(1 / (least + step * k));
+  for (const double value : periods) {
     Atom atom{values};
     atom.values[amplitude->name] = clip(*amplitude, strength_value(effect, Strength::medium));
-    atom.values[period->name] = 1 / (least + step * k);
+    atom.values[period->name] = value;
     for (const double quarter : {0.0, half_pi}) {
       StrengthPath path;
       atom.values[phase->name] = quarter;

@@ -10,177 +10,13 @@
 
 #include "core/error.h"
 #include "diagnose/anew.h"
-#include "diagnose/mean_of_simulations.h"
+#include "diagnose/refine.h"
 #include "diagnose/screen.h"
 #include "diagnose/trace.h"
 #include "diagnose/unit_map.h"
 
 namespace binrig {
 namespace {
-
-/// What a model leaves of the data, by part.
-struct Remainder {
-  Whitened mean;
-  double train = 0, test = 0;  ///< chi
-  std::vector<double> values;  ///< of the nuisances, in prior sigmas from nominal
-};
-
-Remainder remainder_of(const Experiment& experiment, const Rung& rung, const SensorModel& model,
-                       const std::vector<Offset>& offsets, const std::vector<double>& place,
-                       const SearchOptions& options) {
-  std::vector<Trial> trials;
-  for (int k = 0; k < options.seeds; ++k)
-    trials.push_back({model, offsets, options.seed + static_cast<std::uint64_t>(k), Part::all});
-  MeanOfSimulations simulated =
-      mean_of(rung.standard, simulate_typical_units(experiment, trials, "refining hypotheses"));
-  Whitened difference = rung.data;
-  for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= simulated.mean[i];
-  Explained train = rung.train.explain(difference, place, {}, simulated.noise);
-  const Explained test = rung.test.explain(difference, place, train.global, simulated.noise);
-  // A target is in train or in test, and 0 in the other; what all captures share was found on train.
-  for (std::size_t r = 0; r < train.values.size(); ++r)
-    if (train.values[r] == 0) train.values[r] = test.values[r];
-  // Intrinsics that the captures held out want far from where they are said to be count there, too.
-  return {std::move(simulated.mean), train.chi, test.chi + test.shared_prior, std::move(train.values)};
-}
-
-/// Where a model wants the targets: under the rung's model they may have been moved far away to make up for what it
-/// lacks.
-struct Places {
-  std::vector<Offset> offsets;
-  std::vector<double> values;  ///< see Metric::explain
-};
-Places places_for(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
-                  const SensorModel& model, const SearchOptions& options) {
-  Remainder nominal = remainder_of(experiment, rung, model, {}, {}, options);
-  nominal.values.resize(motions.size());
-  Places places{offsets_of(experiment.layout(), motions, nominal.values, {}), {}};
-  places.values = values_of(motions, places.offsets);
-  places.values.resize(rung.place.size(), 0);
-  return places;
-}
-
-Remainder registered_remainder(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
-                               const SensorModel& model, const SearchOptions& options) {
-  const Places places = places_for(experiment, motions, rung, model, options);
-  return remainder_of(experiment, rung, model, places.offsets, places.values, options);
-}
-
-/// Square of a change by capture, added to what is there.
-void add_power(const Layout& layout, const Whitened& change, std::vector<double>& power) {
-  for (const Block& block : layout.blocks)
-    for (int i = block.offset; i < block.offset + block.size; ++i)
-      power[block.capture] += static_cast<double>(change[i]) * change[i];
-}
-
-/// Where a hypothesis has a period and a phase, its best ones: what the signatures say of them is of a few periods
-/// only. Simulated are the captures in which its signatures change most.
-LinearGain with_period(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
-                       const LinearGain& start, const std::vector<Signature>& signatures,
-                       const SearchOptions& options) {
-  Hypotheses close;
-  close.tested.push_back(by_period(hypothesis, start.values, experiment.nominal(0).depth_mm.cols));
-  auto& paths = close.tested[0].paths;
-  if (paths.empty()) return start;
-  // And the one to beat: what is left where poses went astray may lead anywhere.
-  for (int quarter : {0, 1}) {
-    const Atom& like = paths[quarter].atoms[0];
-    StrengthPath own = paths[quarter];
-    own.atoms[0].values = start.values;
-    for (const auto& spec : hypothesis.declaration->parameters)
-      if (spec.kind == ParameterKind::phase || spec.name == hypothesis.declaration->amplitude)
-        own.atoms[0].values[spec.name] = like.values.at(spec.name);
-    if (quarter) own.quadrature_of = static_cast<int>(paths.size()) - 1;
-    paths.push_back(own);
-  }
-  std::vector<double> power(experiment.layout().captures, 0);
-  for (const Signature& signature : signatures)
-    if (signature.hypothesis == start.hypothesis)
-      add_power(experiment.layout(), rung.standard.difference(signature.change), power);
-  SignatureOptions few;
-  few.seeds = 1;
-  few.most_frames = 2;
-  few.seed = options.seed + 20;
-  few.shared = false;
-  for (int k = 0; k < 3; ++k) {
-    const auto most = std::max_element(power.begin(), power.end());
-    if (*most <= 0) break;
-    few.only.push_back(static_cast<int>(most - power.begin()));
-    *most = -1;
-  }
-  SignatureBook book(experiment, rung.model, close, few);
-  book.look_at({0}, false);
-  LinearGain found = Ranking(experiment, rung, close, book.signatures()).gains(rung.rest, rung.nuisances)[0];
-  if (tracing()) {
-    fmt::print(stderr, "  {}:", hypothesis.effect);
-    for (const auto& [name, value] : found.values) fmt::print(stderr, " {} {:.4g}", name, value);
-    fmt::print(stderr, " gain {:.0f} in {} captures\n", found.gain, few.only.size());
-  }
-  return found.gain > 0 ? found : start;
-}
-
-Refined refine(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
-               const Measurement& measured, const Hypothesis& hypothesis, const LinearGain& start,
-               const SearchOptions& options) {
-  const EffectCatalogue& catalogue = experiment.forward().catalogue();
-  SensorModel model = rung.model;
-  Refined refined;
-  refined.id = add_effect(model, catalogue, hypothesis.effect, start.values).id;
-  const ParameterSpec* amplitude = hypothesis.declaration->parameter(hypothesis.declaration->amplitude);
-  if (amplitude && amplitude->interpolate) {
-    auto values = start.values;
-    double& value = values[amplitude->name];
-    const auto chi = [&](const SensorModel& m) {
-      return registered_remainder(experiment, motions, rung, m, options).train;
-    };
-    double best = chi(model);
-    const auto better = [&](double other) {
-      const double before = value;
-      value = std::clamp(other, amplitude->lower, amplitude->upper);
-      const SensorModel changed = with_effect(rung.model, catalogue, hypothesis.effect, values);
-      const double its = chi(changed);
-      if (tracing())
-        fmt::print(stderr, "  {} {} {:.4g}: chi {:.0f} (best {:.0f})\n", hypothesis.effect, amplitude->name, value, its,
-                   best);
-      if (its < best) return best = its, model = changed, true;
-      value = before;
-      return false;
-    };
-    // Variances and shares do not turn round with the sign as the linear view has it: both signs are simulated. And
-    // where poses or intrinsics went far to make up for what is missing, the linear view ends early.
-    if (amplitude->either_sign) better(-value);
-    while (std::abs(value) < strength_value(*hypothesis.declaration, Strength::strong) && better(3 * value)) {
-    }
-  }
-  const Needs& needs = hypothesis.declaration->needs;
-  FitOptions fit;
-  fit.seeds = 2;
-  fit.most_frames = 3;
-  fit.shorten_series = !(needs.power_on || needs.repeats || needs.motion);
-  fit.iterations = 5;
-  fit.converged = 1;
-  fit.seed = options.seed + 40;
-  fit.scan_ids = {refined.id};
-  fit.scan_ranges_of = refined.id;
-  const auto parameters = fit_parameters(model, catalogue, {refined.id});
-  const Places places = places_for(experiment, motions, rung, model, options);
-  fit.place = places.values;
-  fit.motions = &motions;
-  const Whitened few = rung.standard.linear(measured.at(fit.most_frames, fit.shorten_series));
-  refined.fit = fit_model(experiment, rung.standard, rung.train, few, model, parameters, places.offsets, fit);
-  if (!refined.fit.parameters.empty()) {  // a last step with all frames
-    const Fit first = std::move(refined.fit);
-    fit.nearby = &first;
-    fit.place = first.place;
-    fit.most_frames = 0;
-    fit.iterations = 0;
-    fit.scan_ids.clear();
-    refined.fit =
-        fit_model(experiment, rung.standard, rung.train, rung.data, first.model, first.parameters, first.offsets, fit);
-  }
-  refined.model = refined.fit.model;
-  return refined;
-}
 
 double quantile(std::vector<double> values, double q) {
   const auto at = values.begin() + static_cast<long>(q * static_cast<double>(values.size() - 1));
@@ -201,13 +37,14 @@ class Search {
         signatures_(signatures),
         book_(book),
         options_(options),
+        refiner_{experiment, motions, rung, measured, options.seeds, options.seed},
         count_(static_cast<int>(hypotheses.tested.size())),
         left_(rung.dispersion) {}
 
   SearchResult run() {
     hold_signatures_against_residual();
     set_gates();
-    base_ = registered_remainder(experiment_, motions_, rung_, rung_.model, options_);
+    base_ = registered_remainder(refiner_, rung_.model);
     refine_shortlist();
     // Signatures are of the model as given, without what was added to it since.
     const double astray = result_.accepted(options_).empty() ? options_.unexplained : options_.astray;
@@ -308,9 +145,8 @@ class Search {
     }
     if (rung_.dispersion > options_.linear_until && static_cast<int>(list.size()) > options_.refine) {
       // Signatures stand where the targets nominally do.
-      const double nominal = remainder_of(experiment_, rung_, rung_.model, {}, {}, options_).train;
-      for (auto& [gain, h] : list)
-        gain = nominal - remainder_of(experiment_, rung_, added(h), {}, {}, options_).train + map_gain(h).train;
+      const double nominal = remainder_of(refiner_, rung_.model, {}, {}).train;
+      for (auto& [gain, h] : list) gain = nominal - remainder_of(refiner_, added(h), {}, {}).train + map_gain(h).train;
       std::stable_sort(list.begin(), list.end(), [](const Listed& a, const Listed& b) { return a.gain > b.gain; });
     }
     list.resize(std::min<std::size_t>(list.size(), options_.refine));
@@ -320,7 +156,11 @@ class Search {
   UnitMap::Gain map_gain(int h) const { return map_gains_.count(h) ? map_gains_.at(h) : UnitMap::Gain{}; }
 
   /// What a refined hypothesis gains, by simulation.
-  void judge(Refined refined, int h) {
+  void judge(RefinedFit fitted, int h) {
+    Refined refined;
+    refined.id = fitted.id;
+    refined.model = fitted.fit.model;
+    refined.fit = std::move(fitted.fit);
     refined.hypothesis = h;
     refined.effect = hypotheses_.tested[h].effect;
     refined.linear_gain = result_.linear[h].gain;
@@ -328,10 +168,9 @@ class Search {
     refined.gate = own_gate_[h];
     refined.p = result_.p_values[h];
     refined.random_map = !maps_.count(h) || map_gains_.count(h);
-    SearchOptions options = options_;
-    if (hypotheses_.tested[h].declaration->needs.repeats)
-      options.seeds = 4 * options_.seeds;  // it happens, or does not
-    const Remainder with = registered_remainder(experiment_, motions_, rung_, refined.model, options);
+    Refiner refiner = refiner_;
+    if (hypotheses_.tested[h].declaration->needs.repeats) refiner.seeds *= 4;  // it happens, or does not
+    const Remainder with = registered_remainder(refiner, refined.model);
     refined.train_gain = (base_.train - with.train + map_gain(h).train) / rung_.dispersion;
     refined.test_gain = (base_.test - with.test + map_gain(h).test) / rung_.dispersion;
     const double excess = base_.train * (1 - 1 / rung_.dispersion);
@@ -356,8 +195,8 @@ class Search {
                                              [](const ParameterSpec& spec) { return !spec.interpolate; });
       if (gain < (to_be_scanned ? 0.5 : 1) * options_.hopeless * most_explained) continue;
       const Hypothesis& hypothesis = hypotheses_.tested[h];
-      const LinearGain start = with_period(experiment_, rung_, hypothesis, result_.linear[h], signatures_, options_);
-      judge(refine(experiment_, motions_, rung_, measured_, hypothesis, start, options_), h);
+      const LinearGain start = with_period(refiner_, hypothesis, result_.linear[h], signatures_);
+      judge(refine(refiner_, hypothesis, start), h);
       most_explained = std::max(most_explained, result_.refined.back().train_gain * rung_.dispersion);
     }
   }
@@ -369,11 +208,7 @@ class Search {
     const int known = best == result_.refined.end() ? -1 : best->hypothesis;
     for (Anew& anew : look_anew(experiment_, motions_, measured_, book_.model(), hypotheses_, signatures_,
                                 book_.simulations(), known, options_.anew, options_.seed + 60)) {
-      Refined refined;
-      refined.id = anew.id;
-      refined.model = anew.fit.model;
-      refined.fit = std::move(anew.fit);
-      judge(std::move(refined), anew.hypothesis);
+      judge({anew.id, std::move(anew.fit)}, anew.hypothesis);
     }
   }
 
@@ -385,6 +220,7 @@ class Search {
   const std::vector<Signature>& signatures_;
   const SignatureBook& book_;
   const SearchOptions& options_;
+  const Refiner refiner_;
   const int count_;
   SearchResult result_;
   static constexpr double worth_a_look = 30;  // gain of chi

@@ -1,0 +1,48 @@
+// A hypothesis simulated on top of a rung's model: what it leaves of the data, and its parameters fitted to them.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "diagnose/signatures.h"
+
+namespace binrig {
+
+/// What all hypotheses of a search share. All of it must outlive the calls.
+struct Refiner {
+  const Experiment& experiment;
+  const std::vector<SceneMotion>& motions;
+  const Rung& rung;
+  const Measurement& measured;
+  int seeds = 2;
+  std::uint64_t seed = 501;
+};
+
+/// What a model leaves of the data, by part.
+struct Remainder {
+  Whitened mean;
+  double train = 0, test = 0;  ///< chi
+  std::vector<double> values;  ///< of the nuisances, in prior sigmas from nominal
+};
+/// `offsets`, `place`: where the targets stand (Metric::explain). Throws what simulating throws.
+Remainder remainder_of(const Refiner& refiner, const SensorModel& model, const std::vector<Offset>& offsets,
+                       const std::vector<double>& place);
+/// The same, the targets where this model wants them.
+Remainder registered_remainder(const Refiner& refiner, const SensorModel& model);
+
+/// Square of a change by capture, added to what is there.
+void add_power(const Layout& layout, const Whitened& change, std::vector<double>& power);
+
+/// Where a hypothesis has a period and a phase, its best ones: what the signatures say of them is of a few periods
+/// only. Simulated are the captures in which its signatures change most. Else, and where nothing is better, the start.
+LinearGain with_period(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start,
+                       const std::vector<Signature>& signatures);
+
+/// The rung's model with the hypothesis, its parameters fitted to the train captures; `id`: of the instance added.
+struct RefinedFit {
+  std::string id;
+  Fit fit;
+};
+RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start);
+
+}  // namespace binrig
