@@ -60,10 +60,14 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
     nulls.push_back(null_squares(layout, last, null, false));
     for (std::size_t s = 0; s < floor.size(); ++s) floor[s] += nulls.back()[s] / last.nulls.size();
   }
+  // Of three intrinsics, chance makes more than of a thousand cells: in units of what it makes.
+  const auto part_score = [&](std::size_t s, double square) {
+    return 1 + (square - floor[s]) / (s < segments().size() ? 1 : std::max(1.0, floor[s]));
+  };
   const auto average = [&](const std::vector<double>& squares) {
     double sum = 0, count = 0;
     for (std::size_t s = 0; s < squares.size(); ++s)
-      if (squares[s] >= 0 && floor[s] > 0) sum += 1 + squares[s] - floor[s], count += 1;
+      if (squares[s] >= 0 && floor[s] > 0) sum += part_score(s, squares[s]), count += 1;
     return count > 0 ? sum / count : 0;
   };
   std::vector<double> own;
@@ -88,8 +92,8 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
     std::map<std::string, double> count;
     for (std::size_t s = 0; s < squares.size(); ++s) {
       if (squares[s] < 0 || floor[s] <= 0) continue;
-      score.by_segment[part_name(s)] = 1 + squares[s] - floor[s];
-      score.by_channel[part_group(s)] += 1 + squares[s] - floor[s];
+      score.by_segment[part_name(s)] = part_score(s, squares[s]);
+      score.by_channel[part_group(s)] += part_score(s, squares[s]);
       count[part_group(s)] += 1;
     }
     for (auto& [channel, value] : score.by_channel) value /= count[channel];
