@@ -171,6 +171,7 @@ class Climb {
       if (hypothesis.effect == best->effect) accepted.map = hypothesis.declaration->per_unit_map;
     for (const auto& rival : found.refined)
       if (rival.effect != best->effect && rival.test_gain > search_options_.least_test_gain &&
+          std::find(accepted.rivals.begin(), accepted.rivals.end(), rival.effect) == accepted.rivals.end() &&
           confounded(rung, *best, rival))
         accepted.rivals.push_back(rival.effect);
     report.confounded_with = accepted.rivals;
