@@ -63,10 +63,8 @@ class Calibrator {
     if (parameters_.empty()) throw Error("no parameter is left to fit");
     const RegistrationPrior prior = registration_prior(experiment.forward().set(), experiment.nominal(0).camera);
     // What a series shows needs the series.
-    series_ = std::any_of(start.effects.begin(), start.effects.end(), [&](const EffectInstance& e) {
-      const Needs& needs = e.declaration(catalogue_).needs;
-      return needs.power_on || needs.repeats || needs.motion;
-    });
+    series_ = std::any_of(start.effects.begin(), start.effects.end(),
+                          [&](const EffectInstance& e) { return needs_whole_series(e.declaration(catalogue_).needs); });
     poses_known_ = prior.poses_known;
     motions_ = scene_motions(experiment, start, prior);
     rung_options_.simulations = options.simulations;

@@ -53,6 +53,10 @@ struct Measurement {
   }
 };
 
+/// The course of a series from power-on, of a motion or of repeats does not show in a few frames: with effects that
+/// have such a need, Trial::shorten_series would hide them.
+inline bool needs_whole_series(const Needs& needs) { return needs.power_on || needs.repeats || needs.motion; }
+
 /// One simulation of the set.
 struct Trial {
   SensorModel model;

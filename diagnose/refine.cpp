@@ -119,11 +119,10 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
     while (std::abs(value) < strength_value(*hypothesis.declaration, Strength::strong) && better(3 * value)) {
     }
   }
-  const Needs& needs = hypothesis.declaration->needs;
   FitOptions fit;
   fit.seeds = 2;
   fit.most_frames = 3;
-  fit.shorten_series = !(needs.power_on || needs.repeats || needs.motion);
+  fit.shorten_series = !needs_whole_series(hypothesis.declaration->needs);
   fit.iterations = 5;
   fit.converged = 1;
   fit.seed = seed + 40;

@@ -8,7 +8,7 @@
 
 namespace binrig {
 
-/// What all hypotheses of a search share. All of it must outlive the calls.
+/// What all hypotheses of a search share; `seeds` simulations each. All of it must outlive the calls.
 struct Refiner {
   const Experiment& experiment;
   const std::vector<SceneMotion>& motions;

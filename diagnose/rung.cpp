@@ -79,8 +79,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   });
 
   const bool series = std::any_of(start.effects.begin(), start.effects.end(), [&](const EffectInstance& e) {
-    const Needs& needs = e.declaration(catalogue).needs;
-    return needs.power_on || needs.repeats || needs.motion;
+    return needs_whole_series(e.declaration(catalogue).needs);
   });
   const StatVector& few = measured.at(short_frames, !series);
   for (const FitParameter& p : options.narrow)

@@ -122,7 +122,7 @@ void SignatureBook::look_at(const std::vector<int>& hypotheses, bool detail) {
     for (int i = first; i < last; ++i) {
       const Hypothesis& hypothesis = hypotheses_.tested[places[i].hypothesis];
       const Needs& needs = hypothesis.declaration->needs;
-      series.push_back(needs.power_on || needs.motion || needs.repeats);
+      series.push_back(needs_whole_series(needs));
       const SensorModel extended = with_effect(model_, catalogue, hypothesis.effect,
                                                hypothesis.paths[places[i].path].atoms[places[i].atom].values);
       begins.push_back(static_cast<long>(trials.size()));
