@@ -3,6 +3,7 @@
 #include <cmath>
 #include <complex>
 #include <limits>
+#include <map>
 
 #include <Eigen/Cholesky>
 
@@ -34,6 +35,17 @@ void filter(float* values, int rows, int cols, const std::vector<float>& gain) {
   fft.inverse(line, grid);
 }
 
+/// A correlation learned from `simulations` recordings, drawn towards what is known beforehand, the more the fewer
+/// there are for so many elements: whitened by a correlation of its own making, a simulation looks more regular than
+/// any recording.
+Eigen::MatrixXf shrunk_correlation(const Eigen::MatrixXf& own, const Eigen::MatrixXf& known, int simulations) {
+  const float size = static_cast<float>(own.rows());
+  const float shrink = std::max(0.15f, size / (size + 2.f * static_cast<float>(simulations)));
+  Eigen::MatrixXf result = (1 - shrink) * own + shrink * known;
+  result.diagonal() = own.diagonal().cwiseMax(1.f);
+  return result;
+}
+
 }  // namespace
 
 Standard::Standard(const Layout& layout, const StatVector& measured, const std::vector<StatVector>& simulations,
@@ -47,6 +59,8 @@ Standard::Standard(const Layout& layout, const StatVector& measured, const std::
   spread_.assign(layout.size, 0.f);
   small_.resize(layout.blocks.size());
   std::vector<double> ring_power(rings, 0), ring_count(rings, 0);
+  std::map<std::size_t, Eigen::MatrixXf> own;                            // correlations by block
+  std::map<std::pair<int, int>, std::pair<Eigen::MatrixXf, int>> alike;  // by segment and size: sum and count
 
   for (std::size_t b = 0; b < layout.blocks.size(); ++b) {
     const Block& block = layout.blocks[b];
@@ -97,16 +111,26 @@ Standard::Standard(const Layout& layout, const StatVector& measured, const std::
       Eigen::MatrixXf z(n, block.size);
       for (int k = 0; k < n; ++k)
         for (int i = 0; i < block.size; ++i) z(k, i) = normalised(k, i);
-      Eigen::MatrixXf correlation = z.transpose() * z / static_cast<float>(n - 1);
-      // Shrunk towards independence, the more the fewer simulations there are for so many elements.
-      const float shrink = std::max(0.15f, static_cast<float>(block.size) / (block.size + 2.f * n));
-      Eigen::VectorXf diagonal = correlation.diagonal();
-      correlation *= 1 - shrink;
-      correlation.diagonal() = diagonal.cwiseMax(1.f);
-      const Eigen::LLT<Eigen::MatrixXf> factor(correlation);
-      if (factor.info() == Eigen::Success)
-        small_[b] = factor.matrixL().solve(Eigen::MatrixXf::Identity(block.size, block.size));
+      own[b] = z.transpose() * z / static_cast<float>(n - 1);
+      auto [at, fresh] = alike.try_emplace({block.segment, block.size}, own[b], 1);
+      if (!fresh) at->second.first += own[b], ++at->second.second;
     }
+  }
+  for (const auto& [b, correlation] : own) {
+    const Block& block = layout.blocks[b];
+    const auto& [sum, count] = alike.at({block.segment, block.size});
+    Eigen::MatrixXf learned = shrunk_correlation(sum / static_cast<float>(count),
+                                                 Eigen::MatrixXf::Identity(block.size, block.size), n * count);
+    // Captures differ, but less than a few simulations of each would have it.
+    if (count > 1) learned = shrunk_correlation(correlation, learned, n / 16);
+    for (int i = 0; i < block.size; ++i) {
+      if (spread_[block.offset + i] > 0) continue;  // else others must not lend it what they know
+      learned.row(i).setZero(), learned.col(i).setZero();
+      learned(i, i) = 1;
+    }
+    const Eigen::LLT<Eigen::MatrixXf> factor(learned);
+    if (factor.info() == Eigen::Success)
+      small_[b] = factor.matrixL().solve(Eigen::MatrixXf::Identity(block.size, block.size));
   }
 
   ring_gain_.assign(rings, 1.f);
