@@ -171,6 +171,7 @@ Explained Metric::explain(const Whitened& residual, const std::vector<double>& p
   for (const Whitened& one : noise) {
     Whitened part = counted(one);
     result.chi -= project(part, nullptr, nullptr);
+    compress(part);  // like what it is in; else simulations that scatter wildly would explain anything
     for (const auto& [begin, end] : spans_)
       for (int i = begin; i < end; ++i) {
         const double p = compression_slope(rest[i]) * part[i];

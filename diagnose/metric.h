@@ -58,7 +58,8 @@ class Metric {
   /// in prior sigmas from nominal, by row; empty = nominal. The prior is centred on nominal, so that a hypothesis that
   /// needs no shift of the targets is the better for it; `global_centre`, if given, is where the global rows' prior is
   /// centred instead (what another part of the data says). `noise`: residuals that are no misfit
-  /// (deviations of few simulations from their mean, scaled to its error); what they would add to chi is taken off.
+  /// (deviations of few simulations from their mean, scaled to its error); what they would add to chi, compressed as it
+  /// is, is taken off.
   Explained explain(const Whitened& residual, const std::vector<double>& place = {},
                     const Eigen::VectorXd& global_centre = {}, const std::vector<Whitened>& noise = {}) const;
   /// Posterior precision of the global rows: their prior for another part of the data.
