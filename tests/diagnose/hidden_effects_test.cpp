@@ -61,7 +61,9 @@ TEST(HiddenEffects, AreNamedFirst) {
     const Diagnosis diagnosis = answer({"one", {effect}, Strength::strong, 1});
     ASSERT_FALSE(diagnosis.candidates.empty()) << effect << ": " << diagnosis.headline;
     EXPECT_EQ(diagnosis.candidates[0].effect, effect) << diagnosis.headline;
-    EXPECT_LT(diagnosis.ladder[1].score.heldout, diagnosis.ladder[0].score.heldout) << effect;
+    // Scores are of a typical unit: they know nothing of a map, which was recognised on the captures held out.
+    if (!find_effect(effect)->declaration.per_unit_map)
+      EXPECT_LT(diagnosis.ladder[1].score.heldout, diagnosis.ladder[0].score.heldout) << effect;
   }
 }
 
