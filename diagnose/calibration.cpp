@@ -15,7 +15,7 @@
 namespace binrig {
 namespace {
 
-constexpr double near_enough = 2;  // standard deviations: so far the last step is as straight as its slopes
+constexpr double near_enough = 3;  // standard deviations: so far the last step is as straight as its slopes
 constexpr double chi_95 = 3.84;
 const std::string unmoved = "nothing in this recording moves with it";
 
@@ -84,7 +84,7 @@ class Calibrator {
     for (int round = 0;; ++round) {
       last_ = last_step(experiment_, motions_, result.rung, first_, series_, rung_options_.seed);
       model_ = last_.model;
-      result.converged = last_.furthest < near_enough;
+      result.converged = last_.length < near_enough;
       if (result.converged || round + 1 == (result.rung.dispersion > wrong ? 2 : most_rounds)) break;
       RungOptions again = rung_options_;
       again.passes = 0;

@@ -402,7 +402,7 @@ class Fitter {
           walk(id, spec, 0.05, 2);
         }
         // How a step's comb meets the data changes within thousandths: no slope leads there.
-        if (spec.name == now_.model.find(id)->declaration(catalogue).amplitude) continue;
+        if (!spec.either_sign && spec.name == now_.model.find(id)->declaration(catalogue).amplitude) continue;
         parameters_.push_back(fit_parameter(*now_.model.find(id), spec, closeness));
         near = true;
       }

@@ -19,7 +19,8 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double straight = 0.25;     // of the prior's standard deviation: over so much of it, slopes hold
-constexpr int seeds = 4;              // of derivatives
+constexpr int seeds = 3;              // of derivatives
+constexpr double far_enough = 4;      // of FitParameter::step, for narrow parameters: beyond what rounding does
 constexpr double least_signal = 0.3;  // share of a derivative's square that must be more than its own noise
 
 class Step {
@@ -38,7 +39,6 @@ class Step {
   LastStep run() {
     const int n = static_cast<int>(priors_.size());
     result_.model = rung_.model;
-    result_.furthest = 0;
     result_.value = rung_.fit.value.head(n);  // narrow ones come after
     result_.place.assign(rung_.place.begin(), rung_.place.begin() + static_cast<long>(motions_.size()));
     result_.rows = motion_rows(layout_, rung_.standard, motions_);
@@ -46,25 +46,18 @@ class Step {
     const Whitened rest = result_.metric.explain(rung_.data, result_.place).rest;
     if (n == 0) return std::move(result_);
     differentiate(Pull(rest));
-    const auto gradient = [&](const Whitened& residual) {
-      const Pull pull(residual);
-      VectorXd g(n);
-      for (int p = 0; p < n; ++p) g[p] = pull.along(pull.direct(), result_.jacobian[p], freed_[p]);
-      return g;
-    };
     VectorXd precision(n), pull(n);
     for (int p = 0; p < n; ++p) {
       precision[p] = priors_[p].circular ? 0.01 : 1 / std::pow(priors_[p].prior_sigma, 2);
       pull[p] = priors_[p].circular ? 0 : -precision[p] * (result_.value[p] - priors_[p].prior_centre);
     }
-    const int count = static_cast<int>(rung_.nulls.size());
-    MatrixXd gradients(count, n);
-    parallel_for(count,
-                 [&](int k) { gradients.row(k) = gradient(result_.metric.explain(rung_.nulls[k]).rest).transpose(); });
+    const MatrixXd gradients = null_gradients(precision);
+    const auto count = static_cast<double>(gradients.rows());
     // Compression moves the mean of what is skewed: of the recording as of the simulations.
     const VectorXd bias = gradients.colwise().mean().transpose();
     const MatrixXd centred = gradients.rowwise() - bias.transpose();
     MatrixXd scatter = rung_.dispersion * (1 + 1.0 / count) * (centred.transpose() * centred) / (count - 1.0);
+    scatter += rung_.dispersion * scatter_of_the_still();
     scatter.diagonal() += precision;
     MatrixXd a = result_.information;
     a.diagonal() += precision;
@@ -79,63 +72,129 @@ class Step {
       stays[p] = std::sqrt(result_.covariance(p, p)) > straight * prior_deviation(priors_[p]);
       if (stays[p]) result_.covariance.row(p) *= std::sqrt(1.5), result_.covariance.col(p) *= std::sqrt(1.5);
     }
-    const VectorXd step = result_.step = bounded_solution(a, gradient(rest) - bias + pull, stays);
+    const VectorXd step = result_.step =
+        bounded_solution(a, gradient(rest, result_.jacobian, freed_) - bias + pull, stays);
     result_.value += step;
+    result_.length = std::sqrt(std::max(0.0, step.dot(result_.covariance.ldlt().solve(step))));
+    if (tracing()) fmt::print(stderr, "last step of length {:.2f}\n", result_.length);
     for (int p = 0; p < n; ++p) {
       if (tracing())
         fmt::print(stderr, "last step {}.{}: {:.5g} by {:.5g}, standard deviation {:.5g}\n", priors_[p].id,
                    priors_[p].name, result_.value[p], step[p], std::sqrt(result_.covariance(p, p)));
-      result_.furthest =
-          std::max(result_.furthest, std::abs(step[p]) / std::sqrt(std::max(result_.covariance(p, p), 1e-300)));
       value_in(result_.model, priors_[p].id, priors_[p].name).value = priors_[p].natural(result_.value[p]);
     }
     return std::move(result_);
   }
 
  private:
+  /// Half of what chi falls by along each parameter.
+  static VectorXd gradient(const Whitened& residual, const std::vector<Whitened>& jacobian,
+                           const std::vector<Whitened>& freed) {
+    const Pull pull(residual);
+    VectorXd g(jacobian.size());
+    for (std::size_t p = 0; p < jacobian.size(); ++p)
+      g[static_cast<int>(p)] = pull.along(pull.direct(), jacobian[p], freed[p]);
+    return g;
+  }
+
+  /// Gradients of the nulls, one a row, as the recording would have them. Each with derivatives whitened as it is:
+  /// those whitened by what it helped to teach go where it happens to scatter little.
+  MatrixXd null_gradients(const VectorXd& precision) const {
+    const int n = static_cast<int>(priors_.size()), count = static_cast<int>(rung_.nulls.size()),
+              folds = static_cast<int>(rung_.others.size());
+    const auto information = [&](const std::vector<Whitened>& jacobian, const std::vector<Whitened>& freed) {
+      MatrixXd a = precision.asDiagonal();
+      for (int p = 0; p < n; ++p)
+        for (int q = 0; q < n; ++q) a(p, q) += dot(jacobian[p], freed[q]);
+      return a;
+    };
+    const MatrixXd own = information(result_.jacobian, freed_);
+    MatrixXd gradients(count, n);
+    parallel_for(folds, [&](int fold) {
+      const Standard& standard = rung_.others[fold];
+      const Metric metric(layout_, Part::train, motion_rows(layout_, standard, motions_));
+      std::vector<Whitened> jacobian(n, Whitened(layout_.size, 0.f)), freed = jacobian;
+      for (int p = 0; p < n; ++p) {
+        if (silent(result_.jacobian[p])) continue;
+        const Whitened whole = standard.difference(changes_[p]);
+        for (const Block& block : layout_.blocks)
+          if (kept_[p][block.segment])
+            std::copy_n(whole.begin() + block.offset, block.size, jacobian[p].begin() + block.offset);
+        freed[p] = metric.apply(jacobian[p]);
+      }
+      const MatrixXd to_own = own * information(jacobian, freed).ldlt().solve(MatrixXd::Identity(n, n));
+      for (int k = fold; k < count; k += folds)
+        gradients.row(k) = (to_own * gradient(metric.explain(rung_.nulls[k]).rest, jacobian, freed)).transpose();
+    });
+    return gradients;
+  }
+
+  /// What does not scatter among simulations (a mask that moves pixel after pixel) is only as good as its practical
+  /// floor: between two pixels nothing changes, and slopes see a ramp.
+  MatrixXd scatter_of_the_still() const {
+    constexpr double still = 0.05;  // of the variance that a null has where its floor is nothing
+    const int n = static_cast<int>(priors_.size());
+    std::vector<float> square(layout_.size, 0.f);
+    for (const Whitened& null : rung_.nulls)
+      for (int i = 0; i < layout_.size; ++i) square[i] += null[i] * null[i] / static_cast<float>(rung_.nulls.size());
+    MatrixXd scatter = MatrixXd::Zero(n, n);
+    for (int i = 0; i < layout_.size; ++i) {
+      if (square[i] > still) continue;
+      for (int p = 0; p < n; ++p)
+        for (int q = 0; q < n; ++q) scatter(p, q) += static_cast<double>(freed_[p][i]) * freed_[q][i];
+    }
+    return scatter;
+  }
+
   /// Derivatives of y by the parameters, one a seed, in captures cut short, and what follows from them.
   void differentiate(const Pull& pull) {
     const int n = static_cast<int>(priors_.size());
     std::vector<Trial> trials;
-    const auto add = [&](const SensorModel& model) {
+    const auto add = [&](const FitParameter& parameter, double value) {
+      SensorModel moved = rung_.model;
+      value_in(moved, parameter.id, parameter.name).value = parameter.natural(value);
       for (int k = 0; k < seeds; ++k)
         trials.push_back(
-            {model, rung_.offsets, seed_ + 700 + static_cast<std::uint64_t>(k), Part::train, short_frames, !series_});
+            {moved, rung_.offsets, seed_ + 700 + static_cast<std::uint64_t>(k), Part::train, short_frames, !series_});
+      return parameter.circular ? value : parameter.scaled(parameter.natural(value));
     };
-    add(rung_.model);
     std::vector<int> asked;
     std::vector<double> taken;
     for (int p = 0; p < n; ++p) {
       const FitParameter& parameter = priors_[p];
       if (silent(rung_.fit.slopes[p])) continue;
-      double step = parameter.step;
-      if (!parameter.circular &&
-          std::abs(parameter.scaled(parameter.natural(result_.value[p] + step)) - result_.value[p]) < 0.5 * step)
-        step = -step;
-      SensorModel moved = rung_.model;
-      value_in(moved, parameter.id, parameter.name).value = parameter.natural(result_.value[p] + step);
-      add(moved);
+      // To both sides: parameters that make up for each other to first order would seem to differ by the second.
+      const double reach = parameter.narrow ? far_enough * parameter.step : parameter.step;
+      const double ahead = add(parameter, result_.value[p] + reach), behind = add(parameter, result_.value[p] - reach);
       asked.push_back(p);
-      taken.push_back(step);
+      taken.push_back(ahead - behind);
     }
     const auto simulated = experiment_.simulate(trials, "taking derivatives");
     result_.jacobian.assign(n, Whitened(layout_.size, 0.f));
     result_.information = MatrixXd::Zero(n, n);
     freed_.assign(n, Whitened(layout_.size, 0.f));
+    changes_.resize(n);
+    kept_.resize(n);
     SeedSlopes freed(n), curved(n);
     parallel_for(static_cast<int>(asked.size()), [&](int m) {
       const int p = asked[m];
       std::vector<Whitened> each;
-      std::vector<StatVector> changes(simulated.begin() + (m + 1) * seeds, simulated.begin() + (m + 2) * seeds);
+      const auto ahead = simulated.begin() + 2 * m * seeds, behind = ahead + seeds;
+      std::vector<StatVector> changes(ahead, behind);
       for (int k = 0; k < seeds; ++k)
         for (int i = 0; i < layout_.size; ++i)
-          changes[k][i] = (changes[k][i] - simulated[k][i]) / static_cast<float>(taken[m]);
+          changes[k][i] = (changes[k][i] - behind[k][i]) / static_cast<float>(taken[m]);
       fill_unknown(layout_, changes, true);
+      changes_[p].assign(layout_.size, 0.f);
+      for (const StatVector& change : changes)
+        for (int i = 0; i < layout_.size; ++i) changes_[p][i] += change[i] / seeds;
       for (const StatVector& change : changes) each.push_back(rung_.standard.difference(change));
       // Segments in which a derivative is mostly noise are left out.
       const SeedMean whole = mean_over_seeds(layout_, each);
+      for (std::size_t segment = 0; segment < whole.signal.size(); ++segment)
+        kept_[p].push_back(whole.signal[segment] > least_signal);
       for (const auto& block : layout_.blocks) {
-        if (whole.signal[block.segment] > least_signal)
+        if (kept_[p][block.segment])
           std::copy_n(whole.mean.begin() + block.offset, block.size, result_.jacobian[p].begin() + block.offset);
         else
           for (auto& d : each) std::fill_n(d.begin() + block.offset, block.size, 0.f);
@@ -198,7 +257,9 @@ class Step {
   const std::vector<FitParameter>& priors_;
   const bool series_;
   const std::uint64_t seed_;
-  std::vector<Whitened> freed_;  // the jacobian, nuisances taken out
+  std::vector<Whitened> freed_;          // the jacobian, nuisances taken out
+  std::vector<StatVector> changes_;      // the jacobian in the statistics' own units, mean over the seeds
+  std::vector<std::vector<bool>> kept_;  // by parameter: segments of it that are not mostly noise
   LastStep result_;
 };
 

@@ -27,7 +27,7 @@ struct LastStep {
   Eigen::MatrixXd information;  ///< 0 in rows and columns of parameters of which the data say nothing
   Eigen::MatrixXd covariance;   ///< of value, scatter among simulations and priors together
   double freedom = 1;           ///< of its scatter
-  double furthest = 0;          ///< longest step, in standard deviations
+  double length = 0;            ///< of the step, in standard deviations of its direction
   std::vector<double> place;    ///< of the motions, in the rung
   std::vector<NuisanceRow> rows;
   Metric metric;                   ///< of the motions alone, on train

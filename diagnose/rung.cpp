@@ -39,19 +39,18 @@ bool register_targets(const Layout& layout, const std::vector<SceneMotion>& moti
 
 /// Each simulation whitened by what the others teach: one that taught its own mean and correlations would look more
 /// regular than any recording.
-std::vector<Whitened> cross_whitened(const Layout& layout, const StatVector& measured,
-                                     const std::vector<StatVector>& simulations,
-                                     const std::vector<StatVector>& shifts) {
+void whiten_nulls(const Layout& layout, const StatVector& measured, const std::vector<StatVector>& shifts, Rung& rung) {
   constexpr int folds = 4;
-  std::vector<Whitened> result(simulations.size());
+  rung.nulls.resize(rung.simulations.size());
+  rung.others.resize(folds);
   parallel_for(folds, [&](int fold) {
     std::vector<StatVector> others, their_shifts;
-    for (std::size_t k = 0; k < simulations.size(); ++k)
-      if (static_cast<int>(k) % folds != fold) others.push_back(simulations[k]), their_shifts.push_back(shifts[k]);
-    const Standard standard(layout, measured, others, their_shifts);
-    for (std::size_t k = fold; k < simulations.size(); k += folds) result[k] = standard.linear(simulations[k]);
+    for (std::size_t k = 0; k < rung.simulations.size(); ++k)
+      if (static_cast<int>(k) % folds != fold) others.push_back(rung.simulations[k]), their_shifts.push_back(shifts[k]);
+    rung.others[fold] = Standard(layout, measured, others, their_shifts);
+    for (std::size_t k = fold; k < rung.simulations.size(); k += folds)
+      rung.nulls[k] = rung.others[fold].linear(rung.simulations[k]);
   });
-  return result;
 }
 
 /// Mean square of what a metric leaves of the data over that of the nulls, at least 1.
@@ -167,7 +166,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     rung.standard = Standard(layout, measured.all, rung.simulations, shifts);
     rows = motion_rows(layout, rung.standard, motions);
     rung.data = rung.standard.linear(measured.all);
-    rung.nulls = cross_whitened(layout, measured.all, rung.simulations, shifts);
+    whiten_nulls(layout, measured.all, shifts, rung);
     // Where the model is far off, more simulations say nothing more.
     const Metric metric(layout, Part::train, rows);
     if (dispersion_of(rung, metric) > far_off) break;

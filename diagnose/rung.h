@@ -15,6 +15,7 @@ struct Rung {
   Standard standard;                    ///< from simulations of this model with random poses
   std::vector<StatVector> simulations;  ///< those simulations
   std::vector<Whitened> nulls;          ///< the same, whitened, not compressed: recordings in which nothing is missing
+  std::vector<Standard> others;         ///< null k is whitened by others[k % size], learned without it
   Metric train, test;                   ///< poses, intrinsics and the model's own parameters marginalised
   std::vector<double> place;            ///< of the nuisances at `offsets`, see Metric::explain
   Whitened data;                        ///< y of the measurement, not compressed

@@ -76,12 +76,14 @@ MatrixXd products_of_means(const SeedSlopes& left, const SeedSlopes& right) { re
 MatrixXd unbiased_products(const SeedSlopes& left, const SeedSlopes& right) { return products(left, right, false); }
 
 MatrixXd positive_products(const MatrixXd& unbiased, const MatrixXd& together, const Eigen::VectorXd& scale) {
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> directions(scale.asDiagonal() * together * scale.asDiagonal());
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> directions(scale.asDiagonal() * unbiased * scale.asDiagonal());
   const MatrixXd axes = scale.cwiseInverse().asDiagonal() * directions.eigenvectors();
   const MatrixXd ends = scale.asDiagonal() * directions.eigenvectors();
-  Eigen::VectorXd squares(scale.size());
-  for (int d = 0; d < squares.size(); ++d)
-    squares[d] = std::max(ends.col(d).dot(unbiased * ends.col(d)), 0.1 * directions.eigenvalues()[d]);
+  Eigen::VectorXd squares = directions.eigenvalues();
+  for (int d = 0; d < squares.size(); ++d) {
+    const double noise = std::max(0.0, ends.col(d).dot((together - unbiased) * ends.col(d)));
+    squares[d] = std::max(squares[d], 0.05 * noise);
+  }
   MatrixXd result = axes * squares.asDiagonal() * axes.transpose();
   for (int p = 0; p < squares.size(); ++p)
     if (together(p, p) == 0) result.row(p).setZero(), result.col(p).setZero();

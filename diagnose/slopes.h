@@ -48,8 +48,10 @@ Eigen::MatrixXd products_of_means(const SeedSlopes& left, const SeedSlopes& righ
 /// parameter without derivatives has zeros. Needs two seeds.
 Eigen::MatrixXd unbiased_products(const SeedSlopes& left, const SeedSlopes& right);
 
-/// Makes unbiased products positive: direction by direction (parameters in units of `scale`), no less than a tenth of
-/// what they seem to be in `together`, the products of the means. Rows and columns of zeros in `together` stay zeros.
+/// Makes unbiased products positive: direction by direction (their own ones, parameters in units of `scale`; where
+/// noise passes for information two parameters that make up for each other seem to do so at another rate), no less than
+/// a twentieth of the noise that was taken off `together`, the products of the means. Rows and columns of zeros in
+/// `together` stay zeros.
 Eigen::MatrixXd positive_products(const Eigen::MatrixXd& unbiased, const Eigen::MatrixXd& together,
                                   const Eigen::VectorXd& scale);
 

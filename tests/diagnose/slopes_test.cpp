@@ -94,9 +94,33 @@ TEST(Products, StayPositiveAndKeepSilentParametersSilent) {
   const Eigen::MatrixXd positive = positive_products(unbiased, together, Eigen::Vector3d(1, 1, 1));
   const Eigen::VectorXd values =
       Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(positive.topLeftCorner(2, 2)).eigenvalues();
-  EXPECT_NEAR(values[0], 0.1, 1e-9) << "a tenth of the direction's 1";
+  EXPECT_NEAR(values[0], 0.1, 1e-9) << "a twentieth of the 2 taken off along (1, -1)";
   EXPECT_NEAR(values[1], 3, 1e-9);
   EXPECT_EQ(positive.row(2).norm(), 0);
+}
+
+TEST(Products, WhereTwoMakeUpForEachOtherNoiseOfOneIsNoInformation) {
+  // The second derivative is 30 times the first but for a small part of its own, which is all that the data know of the
+  // two apart; the first has noise.
+  const int size = 4000, seeds = 4;
+  const Whitened common = normals(size, 1, 1.f), rest = normals(size, 2, 0.3f);
+  SeedSlopes slopes(2);
+  for (int k = 0; k < seeds; ++k) {
+    const Whitened noise = normals(size, 10 + k, 0.5f);
+    for (auto& of : slopes) of.emplace_back(size);
+    for (int i = 0; i < size; ++i) {
+      slopes[0][k][i] = common[i] + noise[i];
+      slopes[1][k][i] = 30 * common[i] + rest[i];
+    }
+  }
+  const Eigen::MatrixXd found =
+      positive_products(unbiased_products(slopes, slopes), products_of_means(slopes, slopes), Eigen::Vector2d(1, 1));
+  // Variance of the first with the second free: size * (1 - its share along the second) is 0.3^2 / 30^2 of size. Noise
+  // of the unbiased products (1 sigma: 0.25 / sqrt(6) sqrt(size) = 6.5, with common 0.5 sqrt(size) = 32) is far above
+  // that, so that only the floor is left: a twentieth of the noise, 0.05 * 0.25 / 4 * size.
+  const double known = found.determinant() / found(1, 1), noise = 0.25 / seeds * size;
+  EXPECT_GT(known, 0);
+  EXPECT_LT(known, 0.4 * noise) << "not the noise itself, " << noise;
 }
 
 TEST(FillUnknown, OthersFirstThenTheBlock) {
