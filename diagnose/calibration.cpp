@@ -63,8 +63,7 @@ class Calibrator {
     if (parameters_.empty()) throw Error("no parameter is left to fit");
     const RegistrationPrior prior = registration_prior(experiment.forward().set(), experiment.nominal(0).camera);
     // What a series shows needs the series.
-    series_ = std::any_of(start.effects.begin(), start.effects.end(),
-                          [&](const EffectInstance& e) { return needs_whole_series(e.declaration(catalogue_).needs); });
+    series_ = needs_whole_series(start, catalogue_);
     poses_known_ = prior.poses_known;
     motions_ = scene_motions(experiment, start, prior);
     rung_options_.simulations = options.simulations;
@@ -178,7 +177,7 @@ class Calibrator {
       const double neutral = *spec->neutral, strong = spec->either_sign && entry.value < 0 ? -spec->typical_high
                                                       : neutral < spec->typical_low        ? spec->typical_high
                                                                                            : spec->typical_low;
-      if (entry.determined() && (*entry.ci95)[0] <= neutral && neutral <= (*entry.ci95)[1]) continue;
+      if (entry.determined() && (*entry.ci95)[0] < neutral && neutral < (*entry.ci95)[1]) continue;
       if (!std::isfinite(least)) least = refit(rung, model_, -1).chi;
       const auto at = [&](double value) {
         SensorModel changed = model_;
@@ -204,7 +203,7 @@ class Calibrator {
       entry.ci95 = {{std::min(neutral, end), std::max(neutral, end)}};
       entry.reason.clear();
       entry.narrowing = std::min(1.0, std::abs(end - neutral) / std::abs(strong - neutral));
-      if (without.chi < least) adopt(without, static_cast<int>(p), neutral);
+      if (without.chi < least + rung.dispersion) adopt(without, static_cast<int>(p), neutral);
     }
   }
 

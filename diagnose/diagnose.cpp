@@ -279,7 +279,8 @@ class Climb {
   /// Parameters and intervals of a model that something was added to, from one more step against all of its own
   /// simulations.
   void settle(Rung& rung) const {
-    const LastStep step = last_step(experiment_, motions_, rung, rung.fit.parameters, true, options_.seed * 100000);
+    const LastStep step = last_step(experiment_, motions_, rung, rung.fit.parameters,
+                                    needs_whole_series(rung.model, catalogue_), options_.seed * 100000);
     rung.model = step.model;
     rung.fit.value = step.value;
     rung.fit.half_interval = student_threshold(0.05, step.freedom) * step.covariance.diagonal().cwiseMax(0).cwiseSqrt();

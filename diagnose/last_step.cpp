@@ -290,7 +290,9 @@ double share_beyond_places(const Layout& layout, const LastStep& step, int p) {
     for (float& v : row.change) v *= 50;  // of the prior's sigmas: as good as no prior
   const Whitened& slope = step.jacobian[p];
   const double known = dot(step.metric.apply(slope), slope);
-  return known > 0 ? dot(Metric(layout, Part::train, free).apply(slope), slope) / known : 0;
+  const double left = dot(Metric(layout, Part::train, free).apply(slope), slope);
+  // What a motion does is known to some hundredths, and where nobody knows it, a tenth of a trace is nobody's.
+  return known > 0 && left > 1e-2 * dot(slope, slope) ? left / known : 0;
 }
 
 }  // namespace binrig

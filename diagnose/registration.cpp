@@ -13,6 +13,7 @@ namespace {
 // Of a small motion: rotations (rad), shifts (mm), focal length and principal point (px). Never less than 4 sigmas.
 constexpr std::array<double, 9> largest_motion{0.02, 0.02, 0.02, 5, 5, 5, 10, 3, 3};
 constexpr float largest_change_mm = 5.f;  // beyond: another surface came into the pixel
+constexpr float rounding_mm = 1e-3f;      // of float depth
 
 /// Bias map's change (mm a sigma, by central difference) for an offset of one sigma and its opposite.
 std::vector<std::pair<int, float>> change_of(const Experiment& experiment, const SensorModel& model, int capture,
@@ -23,10 +24,13 @@ std::vector<std::pair<int, float>> change_of(const Experiment& experiment, const
   const auto high = experiment.forward().perfect(capture, 0, plus, wanted, model);
   const auto low = experiment.forward().perfect(capture, 0, minus, wanted, model);
   cv::Mat change = cv::Mat::zeros(high->depth_mm.size(), CV_32F), mask = cv::Mat::zeros(change.size(), CV_32F);
+  const cv::Mat& nominal = experiment.nominal(capture).depth_mm;
   const cv::Mat& interior = experiment.regions(capture)->interior;
   for (std::size_t p = 0; p < change.total(); ++p) {
     const float a = high->depth_mm.ptr<float>()[p], b = low->depth_mm.ptr<float>()[p];
     if (a <= 0 || b <= 0 || interior.ptr<float>()[p] == 0 || std::abs(a - b) > largest_change_mm) continue;
+    // A small step that passes through the pixel: it is on one side or on the other, and what smooths depth spreads it.
+    if (std::abs(0.5f * (a + b) - nominal.ptr<float>()[p]) > 0.25f * std::abs(a - b) + rounding_mm) continue;
     change.ptr<float>()[p] = 0.5f * (a - b);
     mask.ptr<float>()[p] = 1;
   }

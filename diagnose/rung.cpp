@@ -62,6 +62,12 @@ double dispersion_of(const Rung& rung, const Metric& train) {
 
 }  // namespace
 
+bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalogue) {
+  return std::any_of(model.effects.begin(), model.effects.end(), [&](const EffectInstance& effect) {
+    return needs_whole_series(effect.declaration(catalogue).needs);
+  });
+}
+
 Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
               const SensorModel& start, const std::vector<Offset>& offsets, const RungOptions& options) {
   const Layout& layout = experiment.layout();
@@ -77,9 +83,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     return std::find(options.fixed.begin(), options.fixed.end(), p.id + "." + p.name) != options.fixed.end();
   });
 
-  const bool series = std::any_of(start.effects.begin(), start.effects.end(), [&](const EffectInstance& e) {
-    return needs_whole_series(e.declaration(catalogue).needs);
-  });
+  const bool series = needs_whole_series(start, catalogue);
   const StatVector& few = measured.at(short_frames, !series);
   for (const FitParameter& p : options.narrow)
     if (start.find(p.id)) parameters.push_back(p);

@@ -45,6 +45,9 @@ struct Remains {
 };
 Remains remains_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place);
 
+/// True if any of the model's effects has a need that a few frames do not show.
+bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalogue);
+
 /// Fits poses and parameters from a start and learns the model's randomness.
 Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
               const SensorModel& start, const std::vector<Offset>& offsets, const RungOptions& options);
