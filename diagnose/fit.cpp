@@ -401,7 +401,8 @@ class Fitter {
           walk(id, spec, 0.2, 2);
           walk(id, spec, 0.05, 2);
         }
-        // How a step's comb meets the data changes within thousandths: no slope leads there.
+        // How a step's comb meets the data changes within thousandths: no slope leads there. A place has a side and is
+        // no step: its trace moves smoothly.
         if (!spec.either_sign && spec.name == now_.model.find(id)->declaration(catalogue).amplitude) continue;
         parameters_.push_back(fit_parameter(*now_.model.find(id), spec, closeness));
         near = true;

@@ -81,7 +81,7 @@ TEST(Calibration, FindsAStepOfAboutTheNoise) {
   const Calibration found = calibrated("  - spectral_noise: {sigma: 0.3}\n  - disparity_quantisation: {step: 0.03}\n",
                                        "  - spectral_noise: {sigma: 0.3}\n  - disparity_quantisation: {step: 0.02}\n",
                                        {.only = {"disparity_quantisation"}});
-  expect_found(found, "disparity_quantisation", "step", 0.03, 0.004);
+  expect_found(found, "disparity_quantisation", "step", 0.03, 0.003);
   EXPECT_EQ(found.parameters.size(), 1u);
 }
 

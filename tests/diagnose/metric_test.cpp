@@ -93,9 +93,9 @@ struct Correlated {
 
 TEST(Standard, SegmentsOfManyCapturesLearnTheirCorrelationTogether) {
   // The mean of 48 takes 1 / 48 of their square away and adds as much to others': 0.96 if the correlation were known.
-  const double alone = Correlated(1).optimism(), together = Correlated(8).optimism();
+  const double alone = Correlated(1).optimism(), together = Correlated(8).optimism(), known = 47.0 / 49;
   EXPECT_LT(alone, 0.75);
-  EXPECT_GT(together, 0.8);
+  EXPECT_GT(together, 0.5 * (alone + known)) << "most of what one segment alone flatters itself with, " << alone;
 }
 
 TEST(Standard, UnknownElementsSayNothing) {
