@@ -57,7 +57,7 @@ class Step {
     const VectorXd bias = gradients.colwise().mean().transpose();
     const MatrixXd centred = gradients.rowwise() - bias.transpose();
     MatrixXd scatter = rung_.dispersion * (1 + 1.0 / count) * (centred.transpose() * centred) / (count - 1.0);
-    scatter += rung_.dispersion * scatter_of_the_still();
+    scatter += rung_.dispersion * scatter_from_floors();
     scatter.diagonal() += precision;
     MatrixXd a = result_.information;
     a.diagonal() += precision;
@@ -131,7 +131,7 @@ class Step {
 
   /// What does not scatter among simulations (a mask that moves pixel after pixel) is only as good as its practical
   /// floor: between two pixels nothing changes, and slopes see a ramp.
-  MatrixXd scatter_of_the_still() const {
+  MatrixXd scatter_from_floors() const {
     constexpr double still = 0.05;  // of the variance that a null has where its floor is nothing
     const int n = static_cast<int>(priors_.size());
     std::vector<float> square(layout_.size, 0.f);
