@@ -75,6 +75,7 @@ struct CaptureStatistics::Impl {
     robust_spread(seen.residual_mm, seen.measured, regions->interior, seen.centre_mm, seen.scale_mm);
     const float centre = static_cast<float>(seen.centre_mm), limit = static_cast<float>(8 * seen.scale_mm + 1.0);
     float inside = 0, kept = 0;
+#pragma omp simd reduction(+ : inside, kept)
     for (int p = 0; p < count; ++p) {
       const float here = m[p] * interior[p];
       used[p] = std::abs(r[p] - centre) <= limit ? here : 0.f;

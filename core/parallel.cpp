@@ -15,7 +15,8 @@ thread_local bool inside = false;
 
 int jobs() {
   const int set = job_count.load();
-  return set > 0 ? set : std::max(1u, std::thread::hardware_concurrency());
+  static const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));  // reads a file
+  return set > 0 ? set : cores;
 }
 
 void set_jobs(int count) { job_count.store(std::max(0, count)); }

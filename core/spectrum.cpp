@@ -157,6 +157,15 @@ void Fft2::inverse(std::vector<std::complex<float>>& spectrum, cv::Mat& image) c
                         reinterpret_cast<float*>(image.data));
 }
 
+const std::vector<int>& FrequencyBins::of(int rows, int cols) {
+  const std::lock_guard lock(guard_);
+  const auto [at, fresh] = known_.try_emplace({rows, cols});
+  if (fresh)
+    for (int i = 0; i < rows; ++i)
+      for (int j = 0; j < cols / 2 + 1; ++j) at->second.push_back(rule_(i, j, rows, cols));
+  return at->second;
+}
+
 NoiseSpectrum::NoiseSpectrum(cv::Mat psd, int cols) : psd_(std::move(psd)), cols_(cols) {
   if (psd_.type() != CV_64F || psd_.rows < 1 || psd_.cols != cols / 2 + 1)
     throw Error(

@@ -8,7 +8,9 @@
 #include <array>
 #include <complex>
 #include <cstdint>
+#include <map>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -40,6 +42,20 @@ class Fft2 {
 
 /// Signed frequency (cycles/px) of DFT index k of n.
 inline double dft_frequency(int k, int n) { return (k <= n / 2 ? k : k - n) / static_cast<double>(n); }
+
+/// A bin for every frequency of the half plane of a DFT, row-wise, worked out once per size and shared. Thread-safe.
+class FrequencyBins {
+ public:
+  /// Bin of DFT row `row` and column `col` (0 .. half_cols-1) of a rows x cols image.
+  using Rule = int (*)(int row, int col, int rows, int cols);
+  explicit FrequencyBins(Rule rule) : rule_(rule) {}
+  const std::vector<int>& of(int rows, int cols);
+
+ private:
+  const Rule rule_;
+  std::mutex guard_;
+  std::map<std::pair<int, int>, std::vector<int>> known_;
+};
 
 /// A sampled power spectral density on the half plane of an rows x cols DFT (the other half is its mirror).
 class NoiseSpectrum {

@@ -1,5 +1,7 @@
 #include "diagnose/experiment.h"
 
+#include <time.h>
+
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -8,10 +10,13 @@
 #include <mutex>
 #include <numeric>
 
+#include <fmt/format.h>
+
 #include "core/error.h"
 #include "core/parallel.h"
 #include "core/progress.h"
 #include "core/random.h"
+#include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
@@ -71,6 +76,12 @@ std::uint64_t offset_key(const Offset& offset) {
   for (int i = 0; i < 6; ++i) mix(offset.pose[i]);
   mix(offset.focal_px), mix(offset.cx_px), mix(offset.cy_px);
   return key;
+}
+
+double thread_seconds() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
 int shortened_frames(int most_frames, bool shorten_series, const CaptureInfo& capture, int frames) {
@@ -146,6 +157,11 @@ Experiment::Experiment(const ForwardModel& forward, const SensorModel& model, Si
       layout_.blocks.push_back(block);
     }
   }
+}
+
+Experiment::~Experiment() {
+  for (const auto& [what, cost] : costs_)
+    fmt::print(stderr, "{:<40} {:7} captures {:8} frames {:7.1f} s of CPU\n", what, cost.captures, cost.frames, cost.cpu_s);
 }
 
 bool Experiment::repeats() const {
@@ -228,6 +244,14 @@ void Experiment::simulate_capture(const Trial& trial, int c, StatVector& vector)
   put(c, statistics.finish(), vector);
 }
 
+void Experiment::account(const std::string& what, const Trial& trial, int c, double cpu_s) const {
+  const std::lock_guard lock(costs_guard_);
+  Cost& cost = costs_[what];
+  ++cost.captures;
+  cost.frames += shortened_frames(trial.most_frames, trial.shorten_series, captures()[c], contexts_[c].frames);
+  cost.cpu_s += cpu_s;
+}
+
 std::vector<StatVector> Experiment::simulate(const std::vector<Trial>& trials, const std::string& what,
                                              bool shared) const {
   const int count = static_cast<int>(trials.size());
@@ -277,7 +301,9 @@ std::vector<StatVector> Experiment::simulate(const std::vector<Trial>& trials, c
       if (trial.part == Part::train && !layout_.train[c]) continue;
       if (trial.part == Part::test && layout_.train[c]) continue;
       if (!trial.only.empty() && std::find(trial.only.begin(), trial.only.end(), c) == trial.only.end()) continue;
+      const double began = tracing() ? thread_seconds() : 0;
       simulate_capture(trial, c, results[missing[i]]);  // captures fill different parts of the vector
+      if (tracing()) account(what, trial, c, thread_seconds() - began);
     }
     bar.advance();
   });

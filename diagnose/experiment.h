@@ -6,6 +6,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -74,6 +75,7 @@ class Experiment {
   /// All captures that `forward` can simulate. `model` says where camera and projector are. Throws Error if there are
   /// none. All three must outlive the experiment.
   Experiment(const ForwardModel& forward, const SensorModel& model, SimulationCache& cache);
+  ~Experiment();
 
   const ForwardModel& forward() const { return forward_; }
   const Layout& layout() const { return layout_; }
@@ -111,7 +113,16 @@ class Experiment {
   std::vector<std::shared_ptr<const Channels>> nominal_;
   std::vector<std::shared_ptr<const CaptureRegions>> regions_;
   std::uint64_t set_key_ = 0;
+  void account(const std::string& what, const Trial& trial, int capture, double cpu_s) const;
+
   mutable std::atomic<long> simulated_{0};
+  /// What simulating cost, by what it was for; printed at the end where tracing() is on.
+  struct Cost {
+    long captures = 0, frames = 0;
+    double cpu_s = 0;
+  };
+  mutable std::map<std::string, Cost> costs_;
+  mutable std::mutex costs_guard_;
 };
 
 }  // namespace binrig

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include <fmt/format.h>
 #include <Eigen/Cholesky>
@@ -177,24 +178,80 @@ class Fitter {
     return outside ? -parameter.step : parameter.step;
   }
 
+  /// Captures in which a parameter changed anything when it was asked at `value`.
+  struct Touched {
+    double value = 0;
+    std::vector<int> captures;
+  };
+
+  std::vector<int> changed_captures(const StatVector& a, const StatVector& b) const {
+    std::vector<int> captures;
+    for (const Block& block : experiment_.layout().blocks) {
+      if (!captures.empty() && captures.back() == block.capture) continue;
+      for (int i = block.offset; i < block.offset + block.size; ++i)
+        if (a[i] != b[i] && !(std::isnan(a[i]) && std::isnan(b[i]))) {
+          captures.push_back(block.capture);
+          break;
+        }
+    }
+    return captures;
+  }
+
+  /// Simulations of all seeds with one parameter a step ahead, by parameter. Many parameters move nothing in most
+  /// captures (a threshold for highlights on planes): where the first seed shows no change, no other is simulated, and
+  /// none later while the parameter stays near.
+  std::vector<std::vector<StatVector>> simulate_ahead(const std::vector<int>& moved) {
+    touched_.resize(n_);
+    std::vector<std::vector<StatVector>> ahead(n_);
+    const auto simulate = [&](bool asked_before, int first_seed, int last_seed) {
+      std::vector<Trial> trials;
+      std::vector<std::pair<int, int>> of;  // parameter, seed
+      for (const int p : moved) {
+        if (touched_[p].has_value() != asked_before || (asked_before && touched_[p]->captures.empty())) continue;
+        Eigen::VectorXd x = fit_.value;
+        x[p] += derivative_step(p);
+        for (int k = first_seed; k < last_seed; ++k) {
+          if (static_cast<int>(ahead[p].size()) > k) continue;
+          trials.push_back(trial(with_values(now_.model, parameters_, x), now_.offsets, k));
+          if (asked_before) trials.back().only = touched_[p]->captures;
+          of.emplace_back(p, k);
+        }
+      }
+      auto results = experiment_.simulate(trials, "fitting parameters");
+      for (std::size_t t = 0; t < trials.size(); ++t) {
+        const auto [p, k] = of[t];
+        if (asked_before) stay_elsewhere(results[t], now_.simulations[k], trials[t].only);
+        ahead[p].push_back(std::move(results[t]));
+      }
+    };
+    for (const int p : moved)
+      if (touched_[p] && std::abs(touched_[p]->value - fit_.value[p]) > parameters_[p].longest) touched_[p].reset();
+    simulate(false, 0, 1);
+    for (const int p : moved)
+      if (!touched_[p]) touched_[p] = Touched{fit_.value[p], changed_captures(ahead[p][0], now_.simulations[0])};
+    simulate(true, 0, options_.seeds);
+    for (const int p : moved)
+      for (int k = static_cast<int>(ahead[p].size()); k < options_.seeds; ++k) ahead[p].push_back(now_.simulations[k]);
+    return ahead;
+  }
+
+  /// In captures that were not simulated.
+  void stay_elsewhere(StatVector& result, const StatVector& as_it_is, const std::vector<int>& simulated) const {
+    for (const Block& block : experiment_.layout().blocks)
+      if (std::find(simulated.begin(), simulated.end(), block.capture) == simulated.end())
+        std::copy_n(as_it_is.begin() + block.offset, block.size, result.begin() + block.offset);
+  }
+
   void simulate_slopes() {
     fit_.slopes.resize(n_, Whitened(experiment_.layout().size, 0.f));
     fit_.seed_slopes.resize(n_);
-    std::vector<Trial> trials;
     std::vector<int> moved;
-    for (int p = 0; p < n_; ++p) {
-      if (fit_.paused[p]) continue;
-      moved.push_back(p);
-      Eigen::VectorXd x = fit_.value;
-      x[p] += derivative_step(p);
-      for (int k = 0; k < options_.seeds; ++k)
-        trials.push_back(trial(with_values(now_.model, parameters_, x), now_.offsets, k));
-    }
-    const auto simulated = experiment_.simulate(trials, "fitting parameters");
+    for (int p = 0; p < n_; ++p)
+      if (!fit_.paused[p]) moved.push_back(p);
+    auto simulated = simulate_ahead(moved);
     parallel_for(static_cast<int>(moved.size()), [&](int m) {
       const float step = static_cast<float>(derivative_step(moved[m]));
-      std::vector<StatVector> changes(simulated.begin() + m * options_.seeds,
-                                      simulated.begin() + (m + 1) * options_.seeds);
+      std::vector<StatVector>& changes = simulated[moved[m]];
       for (int k = 0; k < options_.seeds; ++k)
         for (std::size_t i = 0; i < changes[k].size(); ++i)
           changes[k][i] = (changes[k][i] - now_.simulations[k][i]) / step;
@@ -436,6 +493,7 @@ class Fitter {
   int n_;
   Fit fit_;
   State now_;
+  std::vector<std::optional<Touched>> touched_;  // by parameter
 };
 
 }  // namespace

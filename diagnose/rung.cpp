@@ -26,15 +26,15 @@ std::vector<StatVector> short_simulations(const Experiment& experiment, const Se
   return experiment.simulate(trials, "learning the model's own randomness");
 }
 
-/// Moves the targets to where the bias maps want them; true if any moved by more than a fifth of its prior sigma.
-bool register_targets(const Layout& layout, const std::vector<SceneMotion>& motions,
+/// Moves the targets to where the bias maps want them; returns by how much the furthest moved, in prior sigmas.
+double register_targets(const Layout& layout, const std::vector<SceneMotion>& motions,
                       const std::vector<NuisanceRow>& rows, const Whitened& data, std::vector<Offset>& offsets) {
   const auto before = values_of(motions, offsets);
   offsets = offsets_of(layout, motions, Metric(layout, Part::all, rows).explain(data, before).values, {});
   const auto after = values_of(motions, offsets);
-  for (std::size_t m = 0; m < before.size(); ++m)
-    if (std::abs(after[m] - before[m]) > 0.2) return true;
-  return false;
+  double furthest = 0;
+  for (std::size_t m = 0; m < before.size(); ++m) furthest = std::max(furthest, std::abs(after[m] - before[m]));
+  return furthest;
 }
 
 /// Each simulation whitened by what the others teach: one that taught its own mean and correlations would look more
@@ -92,7 +92,8 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     rung.standard =
         Standard(layout, few, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
     const auto rows = motion_rows(layout, rung.standard, motions);
-    if (register_targets(layout, motions, rows, rung.standard.linear(few), rung.offsets))
+    // How much the statistics scatter does not change over a small motion.
+    if (register_targets(layout, motions, rows, rung.standard.linear(few), rung.offsets) > 2)
       rung.standard =
           Standard(layout, few, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
     FitOptions fit;

@@ -16,7 +16,9 @@ constexpr float compression = 8.f;
 constexpr int rings = 16;
 constexpr double prior_simulations = 20;  // an element's own variance counts against its block's by this many
 
-int ring_of(double fy, double fx) { return std::min(rings - 1, static_cast<int>(2 * rings * std::hypot(fx, fy))); }
+FrequencyBins all_rings([](int i, int j, int rows, int cols) {
+  return std::min(rings - 1, static_cast<int>(2 * rings * std::hypot(dft_frequency(i, rows), dft_frequency(j, cols))));
+});
 
 bool is_bias_map(const Block& block) { return segments()[block.segment].name == "bias"; }
 
@@ -26,12 +28,9 @@ void filter(float* values, int rows, int cols, const std::vector<float>& gain) {
   const Fft2 fft(rows, cols);
   std::vector<std::complex<float>> line;
   fft.forward(grid, line);
-  const int half = fft.half_cols();
   const float scale = 1.f / (rows * cols);
-  for (int i = 0; i < rows; ++i)
-    for (int j = 0; j < half; ++j)
-      line[static_cast<std::size_t>(i) * half + j] *=
-          scale * gain[ring_of(dft_frequency(i, rows), dft_frequency(j, cols))];
+  const std::vector<int>& ring = all_rings.of(rows, cols);
+  for (std::size_t k = 0; k < line.size(); ++k) line[k] *= scale * gain[ring[k]];
   fft.inverse(line, grid);
 }
 
@@ -100,12 +99,11 @@ Standard::Standard(const Layout& layout, const StatVector& measured, const std::
       for (int k = 0; k < n; ++k) {
         for (int i = 0; i < block.size; ++i) grid.ptr<float>()[i] = normalised(k, i);
         fft.forward(grid, line);
-        for (int i = 0; i < block.rows; ++i)
-          for (int j = 0; j < fft.half_cols(); ++j) {
-            const int ring = ring_of(dft_frequency(i, block.rows), dft_frequency(j, block.cols));
-            ring_power[ring] += std::norm(line[static_cast<std::size_t>(i) * fft.half_cols() + j]) / known;
-            ring_count[ring] += 1;
-          }
+        const std::vector<int>& ring = all_rings.of(block.rows, block.cols);
+        for (std::size_t i = 0; i < line.size(); ++i) {
+          ring_power[ring[i]] += std::norm(line[i]) / known;
+          ring_count[ring[i]] += 1;
+        }
       }
     } else if (block.rows == 1 && n >= 8) {
       Eigen::MatrixXf z(n, block.size);

@@ -15,26 +15,38 @@ namespace {
 
 constexpr int disparity_size = 4096, depth_size = 8192;
 constexpr float disparity_bin_px = 1.f / 1024, depth_bin_mm = 0.01f;  // folded at 4 px and at 81.92 mm
-constexpr int disparity_lowest = 2, disparity_highest = 300;          // 0.5 .. 75 cycles per px
-constexpr int depth_lowest = 6, depth_highest = 4096;                 // 0.07 .. 50 cycles per mm
 constexpr int disparity_bands = 22, depth_bands = 26;
 
-std::vector<double> strongest(const std::vector<float>& histogram, double total, int lowest, int highest, int bands) {
+/// Lines of a histogram's DFT, in bands that are equally wide on a logarithmic scale.
+struct Bands {
+  Bands(int lowest_line, int highest_line, int count) : lowest(lowest_line), lines(count, 0) {
+    const double step = std::log(static_cast<double>(highest_line + 1) / lowest) / count;
+    for (int m = lowest; m <= highest_line; ++m) {
+      of.push_back(std::min(count - 1, static_cast<int>(std::log(static_cast<double>(m) / lowest) / step)));
+      ++lines[of.back()];
+    }
+  }
+  int lowest;
+  std::vector<int> of;     ///< of line lowest + i
+  std::vector<int> lines;  ///< in each band
+};
+const Bands disparity_lines(2, 300, disparity_bands);  // 0.5 .. 75 cycles per px
+const Bands depth_lines(6, 4096, depth_bands);         // 0.07 .. 50 cycles per mm
+
+std::vector<double> strongest(const std::vector<float>& histogram, double total, const Bands& bands) {
   const int n = static_cast<int>(histogram.size());
   std::vector<std::complex<float>> line;
   Fft2(1, n).forward(cv::Mat(1, n, CV_32F, const_cast<float*>(histogram.data())), line);
-  std::vector<double> result(bands, 0);
-  std::vector<int> lines(bands, 0);
-  const double step = std::log(static_cast<double>(highest + 1) / lowest) / bands;
-  for (int m = lowest; m <= std::min(highest, n / 2); ++m) {
-    const int band = std::min(bands - 1, static_cast<int>(std::log(static_cast<double>(m) / lowest) / step));
-    result[band] = std::max(result[band], static_cast<double>(std::norm(line[m])) / total / total);
-    ++lines[band];
+  std::vector<double> result(bands.lines.size(), 0);
+  for (std::size_t i = 0; i < bands.of.size(); ++i) {
+    double& highest = result[bands.of[i]];
+    highest = std::max(highest, static_cast<double>(std::norm(line[bands.lowest + i])));
   }
   // The strongest of n lines of pure chance has a squared modulus of (ln n + 0.58) / samples: taken off, so that the
   // value does not depend on how many frames there are.
-  for (int b = 0; b < bands; ++b)
-    if (lines[b] > 0) result[b] = std::sqrt(std::max(0.0, result[b] - (std::log(lines[b]) + 0.58) / total));
+  for (std::size_t b = 0; b < result.size(); ++b)
+    if (bands.lines[b] > 0)
+      result[b] = std::sqrt(std::max(0.0, result[b] / total / total - (std::log(bands.lines[b]) + 0.58) / total));
   return result;
 }
 
@@ -48,11 +60,12 @@ class Comb : public Statistic {
   void add(const ObservedFrame& observed) override {
     const float *z = observed.frame->depth_mm.ptr<float>(), *w = observed.used.ptr<float>();
     const int count = static_cast<int>(observed.used.total());
+    constexpr float depth_per_bin = 1 / depth_bin_mm;
+    const float disparity_scale = focal_baseline_ / disparity_bin_px;
     for (int p = 0; p < count; ++p) {
       if (w[p] == 0.f) continue;
-      depth_[static_cast<int>(z[p] / depth_bin_mm + 0.5f) & (depth_size - 1)] += 1;
-      if (focal_baseline_ > 0)
-        disparity_[static_cast<int>(focal_baseline_ / z[p] / disparity_bin_px) & (disparity_size - 1)] += 1;
+      depth_[static_cast<int>(z[p] * depth_per_bin + 0.5f) & (depth_size - 1)] += 1;
+      if (focal_baseline_ > 0) disparity_[static_cast<int>(disparity_scale / z[p]) & (disparity_size - 1)] += 1;
       total_ += 1;
     }
   }
@@ -63,13 +76,13 @@ class Comb : public Statistic {
     raw.value.assign(raw.cols, 0.f);
     raw.weight.assign(raw.cols, 0.f);
     if (total_ < 2000) return raw;
-    const auto depth = strongest(depth_, total_, depth_lowest, depth_highest, depth_bands);
+    const auto depth = strongest(depth_, total_, depth_lines);
     for (int i = 0; i < depth_bands; ++i) {
       raw.value[disparity_bands + i] = static_cast<float>(depth[i]);
       raw.weight[disparity_bands + i] = static_cast<float>(total_);
     }
     if (focal_baseline_ <= 0) return raw;
-    const auto disparity = strongest(disparity_, total_, disparity_lowest, disparity_highest, disparity_bands);
+    const auto disparity = strongest(disparity_, total_, disparity_lines);
     for (int i = 0; i < disparity_bands; ++i) {
       raw.value[i] = static_cast<float>(disparity[i]);
       raw.weight[i] = static_cast<float>(total_);

@@ -25,6 +25,10 @@ int band_of(double frequency, int bands) {
   return std::min(bands - 1, static_cast<int>(bands * std::log(frequency / lowest) / std::log(0.5 / lowest)));
 }
 
+FrequencyBins all_rings([](int i, int j, int rows, int cols) {
+  return band_of(std::hypot(dft_frequency(i, rows), dft_frequency(j, cols)), rings);
+});
+
 /// What stays is what even and odd frames share: their cross power has no part of the frames' own noise, however few
 /// they are. A capture of one frame has its plain power.
 class FixedPattern : public Statistic {
@@ -69,15 +73,12 @@ class FixedPattern : public Statistic {
     fft.forward(first, x);
     fft.forward(second, y);
     std::vector<double> power(rings, 0), number(rings, 0);
-    const int columns = fft.half_cols();
-    for (int i = 0; i < mask.rows; ++i)
-      for (int j = 0; j < columns; ++j) {
-        const int ring = band_of(std::hypot(dft_frequency(i, mask.rows), dft_frequency(j, mask.cols)), rings);
-        if (ring < 0) continue;
-        const std::size_t k = static_cast<std::size_t>(i) * columns + j;
-        power[ring] += (x[k] * std::conj(y[k])).real();
-        number[ring] += 1;
-      }
+    const std::vector<int>& ring = all_rings.of(mask.rows, mask.cols);
+    for (std::size_t k = 0; k < ring.size(); ++k) {
+      if (ring[k] < 0) continue;
+      power[ring[k]] += x[k].real() * y[k].real() + x[k].imag() * y[k].imag();
+      number[ring[k]] += 1;
+    }
     for (int k = 0; k < rings; ++k)
       if (number[k] > 0) {
         raw.value[k] = static_cast<float>(power[k] / number[k] / known);
@@ -159,14 +160,13 @@ class FixedPattern : public Statistic {
 
   static std::vector<std::complex<float>> profile_spectrum(const cv::Mat& map, const cv::Mat& mask) {
     cv::Mat profile = cv::Mat::zeros(1, map.cols, CV_32F);
-    for (int u = 0; u < map.cols; ++u) {
-      double sum = 0, count = 0;
-      for (int v = 0; v < map.rows; ++v) {
-        sum += map.at<float>(v, u);
-        count += mask.at<float>(v, u);
-      }
-      if (count > 0.3 * map.rows) profile.at<float>(u) = static_cast<float>(sum / count);
+    std::vector<double> sum(map.cols, 0), count(map.cols, 0);
+    for (int v = 0; v < map.rows; ++v) {
+      const float *value = map.ptr<float>(v), *counts = mask.ptr<float>(v);
+      for (int u = 0; u < map.cols; ++u) sum[u] += value[u], count[u] += counts[u];
     }
+    for (int u = 0; u < map.cols; ++u)
+      if (count[u] > 0.3 * map.rows) profile.at<float>(u) = static_cast<float>(sum[u] / count[u]);
     std::vector<std::complex<float>> line;
     Fft2(1, map.cols).forward(profile, line);
     return line;

@@ -14,31 +14,28 @@ constexpr int row_ridge = rings * sectors, column_ridge = row_ridge + ridge_bins
               value_count = column_ridge + ridge_bins;
 constexpr double pi = 3.14159265358979323846;
 
+/// -1: counts nowhere.
+int bin_of(int i, int j, int rows, int cols) {
+  const double fy = dft_frequency(i, rows), fx = dft_frequency(j, cols);
+  const double radius = std::hypot(fx, fy);
+  if ((i == 0 && j == 0) || radius >= 0.5) return -1;
+  const int signed_row = i <= rows / 2 ? i : i - rows;
+  if (j <= 1 && std::abs(signed_row) > 2)
+    return row_ridge + std::min(ridge_bins - 1, static_cast<int>(2 * ridge_bins * std::abs(fy)));
+  if (std::abs(signed_row) <= 1 && j > 2)
+    return column_ridge + std::min(ridge_bins - 1, static_cast<int>(2 * ridge_bins * fx));
+  double angle = std::atan2(fy, fx) + pi / 8;  // sectors are centred on the axes and diagonals
+  if (angle < 0) angle += pi;
+  if (angle >= pi) angle -= pi;
+  return std::min(rings - 1, static_cast<int>(2 * rings * radius)) * sectors +
+         std::min(sectors - 1, static_cast<int>(angle / pi * sectors));
+}
+FrequencyBins all_bins(bin_of);
+
 class Spectrum : public Statistic {
  public:
-  explicit Spectrum(const StatisticContext& context) : fft_(context.camera.height, context.camera.width) {
-    const int rows = fft_.rows(), half = fft_.half_cols();
-    bin_.assign(static_cast<std::size_t>(rows) * half, -1);
-    for (int i = 0; i < rows; ++i)
-      for (int j = 0; j < half; ++j) {
-        const double fy = dft_frequency(i, rows), fx = dft_frequency(j, fft_.cols());
-        const double radius = std::hypot(fx, fy);
-        if ((i == 0 && j == 0) || radius >= 0.5) continue;
-        int bin;
-        const int signed_row = i <= rows / 2 ? i : i - rows;
-        if (j <= 1 && std::abs(signed_row) > 2)
-          bin = row_ridge + std::min(ridge_bins - 1, static_cast<int>(2 * ridge_bins * std::abs(fy)));
-        else if (std::abs(signed_row) <= 1 && j > 2)
-          bin = column_ridge + std::min(ridge_bins - 1, static_cast<int>(2 * ridge_bins * fx));
-        else {
-          double angle = std::atan2(fy, fx) + pi / 8;  // sectors are centred on the axes and diagonals
-          if (angle < 0) angle += pi;
-          if (angle >= pi) angle -= pi;
-          bin = std::min(rings - 1, static_cast<int>(2 * rings * radius)) * sectors +
-                std::min(sectors - 1, static_cast<int>(angle / pi * sectors));
-        }
-        bin_[static_cast<std::size_t>(i) * half + j] = bin;
-      }
+  explicit Spectrum(const StatisticContext& context)
+      : fft_(context.camera.height, context.camera.width), bin_(all_bins.of(fft_.rows(), fft_.cols())) {
     power_.assign(value_count, 0);
   }
 
@@ -71,7 +68,7 @@ class Spectrum : public Statistic {
 
  private:
   Fft2 fft_;
-  std::vector<int> bin_;
+  const std::vector<int>& bin_;
   std::vector<std::complex<float>> line_;
   std::vector<double> power_;
   int frames_ = 0;

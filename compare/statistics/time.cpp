@@ -93,6 +93,7 @@ class Time : public Statistic {
     for (int v = 0; v < observed.used.rows; ++v) {
       const float *a = observed.residual_mm.ptr<float>(v), *w = observed.used.ptr<float>(v);
       float ln = 0, lr = 0, lx = 0, lxx = 0, lrx = 0;
+#pragma omp simd reduction(+ : ln, lr, lx, lxx, lrx)
       for (int u = 0; u < observed.used.cols; ++u) {
         const float wx = w[u] * x_[u];
         ln += w[u];
@@ -117,22 +118,29 @@ class Time : public Statistic {
       const Past& past = past_[lag - 1];
       if (!past.residual.data) break;
       const float *before = past.residual.ptr<float>(), *used = past.used.ptr<float>();
-      float sum = 0, n = 0;
       double total = 0, number = 0;
-      for (int p = 0; p < count; ++p) {
-        const float both = w[p] * used[p], d = r[p] - before[p];
-        sum += both * d * d;
-        n += both;
-        if ((p & 4095) == 4095) total += sum, number += n, sum = n = 0;
+      constexpr int piece = 4096;  // summed in single precision
+      for (int first = 0; first < count; first += piece) {
+        float sum = 0, n = 0;
+        const int last = std::min(count, first + piece);
+#pragma omp simd reduction(+ : sum, n)
+        for (int p = first; p < last; ++p) {
+          const float both = w[p] * used[p], d = r[p] - before[p];
+          sum += both * d * d;
+          n += both;
+        }
+        total += sum;
+        number += n;
       }
-      lag_sum_[lag] += total + sum;
-      lag_count_[lag] += number + n;
-      if (lag == 1 && number + n > 100 && total + sum == 0) ++repeats_;
+      lag_sum_[lag] += total;
+      lag_count_[lag] += number;
+      if (lag == 1 && number > 100 && total == 0) ++repeats_;
     }
     const Past& past = past_[0];
     const float *m = observed.measured.ptr<float>(), *m0 = past.measured.ptr<float>();
     const float* counted = observed.regions->counted.ptr<float>();
-    float holes = 0, stay = 0, changes = 0, all = 0;
+    float holes = 0, stay = 0, changes = 0, all = 0;  // whole numbers
+#pragma omp simd reduction(+ : holes, stay, changes, all)
     for (int p = 0; p < count; ++p) {
       const float hole0 = counted[p] - m0[p] * counted[p], hole = counted[p] - m[p];
       holes += hole0;
@@ -162,6 +170,7 @@ class Time : public Statistic {
     for (int v = 0; v < d.rows; ++v) {
       const float *a = d.ptr<float>(v), *b = w.ptr<float>(v);
       float s = 0, c = 0, q = 0;
+#pragma omp simd reduction(+ : s, c, q)
       for (int u = 0; u < d.cols; ++u) {
         s += a[u];
         c += b[u];

@@ -17,12 +17,6 @@ namespace {
 /// So far from every depth that its weight is zero; its square is finite.
 constexpr float nowhere_mm = 1e9f;
 
-struct Kernel {
-  int radius;
-  std::vector<float> spatial;  ///< (2 radius + 1)^2, row-wise
-  float inverse;               ///< 1 / (32 sigma_z^2)
-};
-
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__)
 // Eight pixels at a time where the machine can. No fused multiply-add: the bytes are the same on every machine.
 #define BINRIG_WIDE __attribute__((target_clones("avx2", "default")))
@@ -30,102 +24,105 @@ struct Kernel {
 #define BINRIG_WIDE
 #endif
 
-/// One row of a window `Width` pixels wide (0: known only at run time), summed over its rows. Deviations from the
-/// centre are summed, which keeps float precision at any distance.
-template <int Width>
-[[gnu::always_inline]] inline void filter_row_of(const Kernel& kernel, const cv::Mat& padded, int row, int cols,
-                                                 float* sum, float* weight) {
-  const int width = Width > 0 ? Width : 2 * kernel.radius + 1;
-  const float* centre = padded.ptr<float>(row + kernel.radius) + kernel.radius;
-  const float inverse = kernel.inverse;
-  for (int j = 0; j < width; ++j) {
-    const float* z = padded.ptr<float>(row + j);
-    const float* spatial = kernel.spatial.data() + j * width;
-    for (int col = 0; col < cols; ++col) {
-      const float here = centre[col];
-      float total = 0.f, steps = 0.f;
-      for (int i = 0; i < width; ++i) {
-        const float step = z[col + i] - here;
-        float g = 1.f - step * step * inverse;
-        g = g > 0.f ? g : 0.f;
-        g *= g;
-        g *= g;
-        g *= g;
-        g *= g;
-        g *= spatial[i];
-        total += g;
-        steps += g * step;
-      }
-      weight[col] += total;
-      sum[col] += steps;
-    }
-  }
-}
+/// Sums over a row of pixels: deviations of their neighbours times weights, and weights. Deviations from the centre
+/// keep float precision at any distance.
+struct Sums {
+  std::vector<float> steps, weights;
+};
 
-BINRIG_WIDE void filter_row(const Kernel& kernel, const cv::Mat& padded, int row, int cols, float* sum, float* weight,
-                            float* out) {
-  std::fill(sum, sum + cols, 0.f);
-  std::fill(weight, weight + cols, 0.f);
-  switch (kernel.radius) {
-    case 1:
-      filter_row_of<3>(kernel, padded, row, cols, sum, weight);
-      break;
-    case 2:
-      filter_row_of<5>(kernel, padded, row, cols, sum, weight);
-      break;
-    case 3:
-      filter_row_of<7>(kernel, padded, row, cols, sum, weight);
-      break;
-    case 4:
-      filter_row_of<9>(kernel, padded, row, cols, sum, weight);
-      break;
-    default:
-      filter_row_of<0>(kernel, padded, row, cols, sum, weight);
+/// Weights of the pairs (a[i], b[i]), which are the same for both pixels of a pair, added to the sums of both. The
+/// memory of the four sums must not overlap.
+BINRIG_WIDE void add_pairs(const float* a, const float* b, float spatial, float inverse, int count,
+                           float* __restrict steps_a, float* __restrict weights_a, float* __restrict steps_b,
+                           float* __restrict weights_b) {
+  for (int i = 0; i < count; ++i) {
+    const float step = b[i] - a[i];
+    float g = 1.f - step * step * inverse;
+    g = g > 0.f ? g : 0.f;
+    g *= g;
+    g *= g;
+    g *= g;
+    g *= g;
+    g *= spatial;
+    const float weighted = g * step;
+    steps_a[i] += weighted;
+    weights_a[i] += g;
+    steps_b[i] -= weighted;
+    weights_b[i] += g;
   }
-  const float* centre = padded.ptr<float>(row + kernel.radius) + kernel.radius;
-  for (int col = 0; col < cols; ++col) out[col] = centre[col] + sum[col] / weight[col];
 }
 
 class BilateralBlur : public Run {
  public:
   explicit BilateralBlur(const EffectInstance& instance) {
     const double sigma_px = instance.value("sigma_px"), sigma_z = instance.value("sigma_z");
-    kernel_.radius = static_cast<int>(instance.value("diameter")) / 2;
-    kernel_.inverse = static_cast<float>(1.0 / (32.0 * sigma_z * sigma_z));
-    for (int j = -kernel_.radius; j <= kernel_.radius; ++j) {
-      for (int i = -kernel_.radius; i <= kernel_.radius; ++i) {
-        kernel_.spatial.push_back(static_cast<float>(std::exp(-(i * i + j * j) / (2.0 * sigma_px * sigma_px))));
-      }
-    }
+    radius_ = static_cast<int>(instance.value("diameter")) / 2;
+    inverse_ = static_cast<float>(1.0 / (32.0 * sigma_z * sigma_z));
+    for (int j = 0; j <= radius_; ++j)
+      for (int i = j == 0 ? 1 : -radius_; i <= radius_; ++i)
+        half_window_.push_back({j, i, static_cast<float>(std::exp(-(i * i + j * j) / (2.0 * sigma_px * sigma_px)))});
   }
 
   void apply(Layers& layers, const Channels&, const FrameInstant&) override {
     const cv::Size size = layers.depth_mm.size();
-    const int radius = kernel_.radius;
-    if (padded_.empty()) {
-      padded_ = cv::Mat(size.height + 2 * radius, size.width + 2 * radius, CV_32F, cv::Scalar(nowhere_mm));
-    }
+    if (padded_.empty())
+      padded_ = cv::Mat(size.height + 2 * radius_, size.width + 2 * radius_, CV_32F, cv::Scalar(nowhere_mm));
     for_rows(size, [&](int first, int last) {
       for (int row = first; row < last; ++row) {
         const float* z = layers.depth_mm.ptr<float>(row);
         const std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
-        float* to = padded_.ptr<float>(row + radius) + radius;
+        float* to = padded_.ptr<float>(row + radius_) + radius_;
         for (int col = 0; col < size.width; ++col) to[col] = reason[col] == 0 ? z[col] : nowhere_mm;
       }
     });
-    for_rows(size, [&](int first, int last) {
-      std::vector<float> sum(size.width), weight(size.width), out(size.width);
-      for (int row = first; row < last; ++row) {
-        filter_row(kernel_, padded_, row, size.width, sum.data(), weight.data(), out.data());
-        float* z = layers.depth_mm.ptr<float>(row);
-        const std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
-        for (int col = 0; col < size.width; ++col) z[col] = reason[col] == 0 ? out[col] : z[col];
-      }
-    });
+    for_rows(size, [&](int first, int last) { filter(layers, first, last); });
   }
 
  private:
-  Kernel kernel_;
+  /// A neighbour below, or to the right in the same row; the others are pairs seen from their other end.
+  struct Neighbour {
+    int rows, cols;
+    float spatial;
+  };
+
+  /// Rows first .. last-1 of the image. A pixel's sums come in the same order wherever the blocks of rows end.
+  void filter(Layers& layers, int first, int last) const {
+    const int width = padded_.cols, window = radius_ + 1;
+    // Of a row as the upper end of pairs, and as the lower one; for the row at work and those that it reaches down to.
+    std::vector<Sums> upper(window), lower(window);
+    for (auto* sums : {&upper, &lower})
+      for (Sums& s : *sums) s.steps.assign(width, 0.f), s.weights.assign(width, 0.f);
+    for (int row = first; row < last + radius_; ++row) {  // of the padded image, `radius_` rows above the image's
+      const float* a = padded_.ptr<float>(row);
+      Sums& own = upper[row % window];
+      for (const auto& [down, right, spatial] : half_window_) {
+        const float* b = padded_.ptr<float>(row + down);
+        Sums& other = lower[(row + down) % window];
+        const int from = std::max(0, -right), to = from + right;
+        add_pairs(a + from, b + to, spatial, inverse_, width - std::abs(right), &own.steps[from], &own.weights[from],
+                  &other.steps[to], &other.weights[to]);
+      }
+      Sums& above = lower[row % window];
+      if (row >= first + radius_) {
+        float* z = layers.depth_mm.ptr<float>(row - radius_);
+        const std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row - radius_);
+        for (int col = 0; col < layers.depth_mm.cols; ++col) {
+          const int i = col + radius_;
+          const float mean =
+              a[i] + (own.steps[i] + above.steps[i]) / (1.f + (own.weights[i] + above.weights[i]));
+          z[col] = reason[col] == 0 ? mean : z[col];
+        }
+      }
+      for (Sums* sums : {&own, &above}) {
+        std::fill(sums->steps.begin(), sums->steps.end(), 0.f);
+        std::fill(sums->weights.begin(), sums->weights.end(), 0.f);
+      }
+    }
+  }
+
+  int radius_ = 0;
+  float inverse_ = 0;  ///< 1 / (32 sigma_z^2)
+  std::vector<Neighbour> half_window_;
   cv::Mat padded_;
 };
 
