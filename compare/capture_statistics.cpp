@@ -166,13 +166,17 @@ std::vector<RawStatistic> CaptureStatistics::finish() {
   return result;
 }
 
+float stabilised_share(float share, float count) {
+  return std::asin(std::sqrt((std::clamp(share, 0.f, 1.f) * count + 0.375f) / (count + 0.75f)));
+}
+
 std::vector<float> SegmentDeclaration::transform(const RawStatistic& raw, const RawStatistic& reference) const {
   if (raw.value.size() != reference.value.size()) throw Error("Segment " + name + " differs in size");
   const int n = static_cast<int>(raw.value.size());
   std::vector<float> result(n, 0.f);
   for (int i = 0; i < n; ++i)
     if (raw.weight[i] > 0 && reference.weight[i] > 0)
-      result[i] = stabilise(raw.value[i], i, n) - stabilise(reference.value[i], i, n);
+      result[i] = stabilise(raw.value[i], raw.weight[i], i, n) - stabilise(reference.value[i], reference.weight[i], i, n);
   return result;
 }
 

@@ -92,6 +92,11 @@ class Statistic {
   virtual RawStatistic finish() = 0;
 };
 
+/// A share of `count` samples, with nearly the same variance wherever it lies: Anscombe (Biometrika 35, 1948), arcsine
+/// root of (k + 3/8) / (count + 3/4) for k of them. Without his fractions the first of rare events would make the
+/// largest step of all.
+float stabilised_share(float share, float count);
+
 /// A segment: what it is, and how to begin it on a capture.
 struct SegmentDeclaration {
   std::string name;   ///< the word used everywhere: bias, noise, ...
@@ -105,8 +110,8 @@ struct SegmentDeclaration {
   double floor = 0;
   /// Returns null where the capture cannot have this segment (no disparity without a baseline).
   std::unique_ptr<Statistic> (*begin)(const StatisticContext& context) = nullptr;
-  /// Variance-stabilising transform of value i of n: differences of its results are what counts.
-  float (*stabilise)(float raw, int i, int n) = nullptr;
+  /// Variance-stabilising transform of value i of n and its weight: differences of its results are what counts.
+  float (*stabilise)(float raw, float weight, int i, int n) = nullptr;
 
   /// stabilise(raw) - stabilise(reference), element by element; 0 where either is unknown.
   std::vector<float> transform(const RawStatistic& raw, const RawStatistic& reference) const;

@@ -181,7 +181,9 @@ void Experiment::put(int capture, const std::vector<RawStatistic>& raw, StatVect
     if (static_cast<int>(segment_raw.value.size()) != block.size) continue;  // too few frames for this segment
     for (int i = 0; i < block.size; ++i)
       vector[block.offset + i] =
-          segment_raw.weight[i] > 0 ? declaration.stabilise(segment_raw.value[i], i, block.size) : unknown;
+          segment_raw.weight[i] > 0
+              ? declaration.stabilise(segment_raw.value[i], segment_raw.weight[i], i, block.size)
+              : unknown;
   }
 }
 

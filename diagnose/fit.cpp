@@ -88,6 +88,7 @@ class Fitter {
     now_ = evaluate(with_values(start, parameters_, fit_.value), fit_.value);
     descend();
     if (scan()) descend();
+    if (probe()) descend();
     fit_.parameters = parameters_;
     fit_.model = now_.model;
     fit_.offsets = now_.offsets;
@@ -328,6 +329,12 @@ class Fitter {
     }
   }
 
+  Eigen::VectorXd within_bounds(Eigen::VectorXd x) const {
+    for (int p = 0; p < n_; ++p)
+      if (!parameters_[p].circular) x[p] = parameters_[p].scaled(parameters_[p].natural(x[p]));
+    return x;
+  }
+
   void descend() {
     fit_.paused = options_.paused;
     fit_.paused.resize(n_, false);
@@ -350,6 +357,7 @@ class Fitter {
       box(lower, upper);
       const double enough = options_.converged * now_.dispersion;
       double gained = 0, promised = 0;
+      const Eigen::VectorXd from = fit_.value;
       const int attempts = fresh ? 5 : options_.iterations == 0 ? 3 : 1;
       for (int attempt = 0; attempt < attempts && gained == 0; ++attempt) {
         Eigen::MatrixXd damped = a;
@@ -368,6 +376,16 @@ class Fitter {
           damping = std::max(0.01, 10 * damping);
         }
       }
+      // What moves pixel after pixel falls by far more than slopes, which see few of them, promise.
+      while (gained > 2 * promised) {
+        const Eigen::VectorXd x = within_bounds(fit_.value + (fit_.value - from));
+        if (x == fit_.value) break;
+        State next = evaluate(with_values(now_.model, parameters_, x), x);
+        if (next.chi > now_.chi - least_gain) break;
+        gained += now_.chi - next.chi;
+        fit_.value = x;
+        now_ = std::move(next);
+      }
       if (tracing())
         fmt::print(stderr, "  round {} {} chi {:.0f} dispersion {:.2f} promised {:.1f} gained {:.1f} captures {}\n",
                    fit_.rounds, fresh ? "fresh" : "kept", now_.chi, now_.dispersion, promised, gained,
@@ -379,6 +397,35 @@ class Fitter {
       // Slopes of far away lead into the wrong one of two valleys: they are only kept near the end.
       stale = gained < enough || gained < 0.5 * promised || gained > 0.01 * now_.chi;
     }
+  }
+
+  /// Near and far, to either side, as long as it helps; true if anything did.
+  bool probe() {
+    const EffectCatalogue& catalogue = experiment_.forward().catalogue();
+    bool moved = false;
+    for (int p = 0; p < n_ && options_.probe; ++p) {
+      const FitParameter& parameter = parameters_[p];
+      const bool smooth = p >= static_cast<int>(touched_.size()) || !touched_[p] ||
+                          2 * static_cast<int>(touched_[p]->captures.size()) > experiment_.layout().captures;
+      if (smooth || parameter.name != now_.model.find(parameter.id)->declaration(catalogue).amplitude) continue;
+      for (const double reach : {0.5, 0.12, 0.03})
+        for (const double direction : {1.0, -1.0})
+          for (;;) {
+            Eigen::VectorXd x = fit_.value;
+            x[p] += direction * reach * parameter.longest;
+            x = within_bounds(x);
+            if (x == fit_.value) break;
+            State next = evaluate(with_values(now_.model, parameters_, x), x);
+            if (next.chi > now_.chi - 4 * now_.dispersion) break;  // two standard deviations
+            if (tracing())
+              fmt::print(stderr, "  {}.{} = {:.4g}: chi {:.0f} (was {:.0f})\n", parameter.id, parameter.name,
+                         parameter.natural(x[p]), next.chi, now_.chi);
+            fit_.value = x;
+            now_ = std::move(next);
+            moved = true;
+          }
+    }
+    return moved;
   }
 
   /// Tries a value of a parameter; keeps it if chi falls. Returns by how much it does.

@@ -56,6 +56,9 @@ struct FitOptions {
   /// Instances whose whole-number parameters are varied, too, and narrow ones sought: these are fitted with all others
   /// once they are near.
   std::vector<std::string> scan_ids;
+  /// Strengths of what touches few captures (masks) are tried far and near where the descent ends: what moves pixel
+  /// after pixel has valleys between which slopes do not lead.
+  bool probe = false;
   std::vector<std::string> fixed;  ///< parameters of theirs, by id.name, that stay
   /// Of this instance, narrow parameters are sought over the whole typical range, unless it has a phase: a period is
   /// worth nothing with another one's.

@@ -127,6 +127,7 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   fit.converged = 1;
   fit.seed = seed + 40;
   fit.scan_ids = {id};
+  fit.probe = true;
   fit.scan_ranges_of = id;
   const auto parameters = fit_parameters(model, catalogue, {id});
   const Places places = places_for(refiner, model);
@@ -140,6 +141,7 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   fit.most_frames = 0;
   fit.iterations = 0;
   fit.scan_ids.clear();
+  fit.probe = false;
   return {id, fit_model(experiment, rung.standard, rung.train, rung.data, first.model, first.parameters, first.offsets,
                         fit)};
 }

@@ -108,6 +108,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.fixed = options.fixed;
     if (pass + 1 == options.passes) {
       fit.scan_ids = ids;
+      fit.probe = true;
     } else if (options.scan_ranges) {
       fit.scan_ids = ids;
       fit.scan_all_ranges = true;
@@ -125,6 +126,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
       fit.most_frames = 0;
       fit.iterations = 0;
       fit.scan_ids.clear();
+      fit.probe = false;
       fit.place = rung.fit.place;
       const Fit found = fit_model(experiment, rung.standard, metric, rung.standard.linear(measured.all), rung.fit.model,
                                   parameters, rung.fit.offsets, fit);

@@ -38,7 +38,7 @@ SegmentDeclaration bias_segment() {
   s.begin = [](const StatisticContext& context) -> std::unique_ptr<Statistic> {
     return std::make_unique<Bias>(context);
   };
-  s.stabilise = [](float raw, int, int) { return raw; };
+  s.stabilise = [](float raw, float, int, int) { return raw; };
   return s;
 }
 

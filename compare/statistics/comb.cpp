@@ -108,7 +108,7 @@ SegmentDeclaration comb_segment() {
   s.begin = [](const StatisticContext& context) -> std::unique_ptr<Statistic> {
     return std::make_unique<Comb>(context);
   };
-  s.stabilise = [](float raw, int, int) { return std::log(raw + 0.01f); };
+  s.stabilise = [](float raw, float, int, int) { return std::log(raw + 0.01f); };
   return s;
 }
 

@@ -38,7 +38,7 @@ SegmentDeclaration dropout_segment() {
   s.begin = [](const StatisticContext& context) -> std::unique_ptr<Statistic> {
     return std::make_unique<Dropout>(context);
   };
-  s.stabilise = [](float raw, int, int) { return std::asin(std::sqrt(std::clamp(raw, 0.f, 1.f))); };
+  s.stabilise = [](float raw, float weight, int, int) { return stabilised_share(raw, weight); };
   return s;
 }
 

@@ -1,7 +1,8 @@
 // Edges: what happens beside depth edges, by the edge's orientation (the side on which the background lies: right,
 // below, left, above) and the signed distance to it (8 bins of 1 px, foreground negative).
 //
-// The mixing ratio of a depth is 0 on the foreground and 1 on the background.
+// The mixing ratio of a depth is 0 on the foreground and 1 on the background. Its jitter is the mean absolute change
+// between frames: of squares, a single outlier in a cell would make more than everything else.
 #include <cmath>
 
 #include "compare/statistic.h"
@@ -37,7 +38,7 @@ class Edges : public Statistic {
       between_[e.cell] += mix > 0.15f && mix < 0.85f;
       if (before > -5.f) {
         pairs_[e.cell] += 1;
-        change_[e.cell] += 0.5 * (mix - before) * (mix - before);
+        change_[e.cell] += std::abs(mix - before);
       }
     }
     regions_ = observed.regions_number;
@@ -75,17 +76,17 @@ SegmentDeclaration edges_segment() {
   SegmentDeclaration s;
   s.name = "edges";
   s.group = "edges";
-  s.unit = "mixing ratio, ln of its variance, arcsine root of a share";
+  s.unit = "mixing ratio, ln of its mean change, arcsine root of a share";
   s.meaning = "mixing of fore- and background, its jitter, in-between depths and holes beside depth edges";
   s.floor = 0.02;
   s.begin = [](const StatisticContext& context) -> std::unique_ptr<Statistic> {
     return std::make_unique<Edges>(context);
   };
-  s.stabilise = [](float raw, int i, int n) {
+  s.stabilise = [](float raw, float weight, int i, int n) {
     const int kind = i / (n / 4);
     if (kind == 0) return raw;
-    if (kind == 1) return 0.25f * std::log(raw + 1e-6f);
-    return std::asin(std::sqrt(std::clamp(raw, 0.f, 1.f)));
+    if (kind == 1) return 0.5f * std::log(raw + 1e-3f);
+    return stabilised_share(raw, weight);
   };
   return s;
 }

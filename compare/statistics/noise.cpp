@@ -42,7 +42,7 @@ SegmentDeclaration noise_segment() {
     return std::make_unique<Noise>(context);
   };
   // 1e-6 mm^2 (a micrometre) keeps repeated frames, whose variance is 0, finite.
-  s.stabilise = [](float raw, int, int) { return std::log(raw + 1e-6f); };
+  s.stabilise = [](float raw, float, int, int) { return std::log(raw + 1e-6f); };
   return s;
 }
 

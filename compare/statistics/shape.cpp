@@ -87,7 +87,7 @@ SegmentDeclaration shape_segment() {
   s.begin = [](const StatisticContext& context) -> std::unique_ptr<Statistic> {
     return std::make_unique<Shape>(context);
   };
-  s.stabilise = [](float raw, int i, int) {
+  s.stabilise = [](float raw, float, int i, int) {
     if (i == kurtosis) return std::log(std::max(raw, 0.1f));
     if (i == skewness) return raw;
     return std::sqrt(std::max(raw, 0.f));

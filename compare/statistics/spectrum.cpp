@@ -87,7 +87,7 @@ SegmentDeclaration spectrum_segment() {
   s.begin = [](const StatisticContext& context) -> std::unique_ptr<Statistic> {
     return std::make_unique<Spectrum>(context);
   };
-  s.stabilise = [](float raw, int, int) { return std::log(raw + 1e-9f); };
+  s.stabilise = [](float raw, float, int, int) { return std::log(raw + 1e-9f); };
   return s;
 }
 

@@ -220,7 +220,7 @@ SegmentDeclaration time_segment() {
   s.begin = [](const StatisticContext& context) -> std::unique_ptr<Statistic> {
     return std::make_unique<Time>(context);
   };
-  s.stabilise = [](float raw, int i, int) {
+  s.stabilise = [](float raw, float, int i, int) {
     // Whole frames that move by less than 0.01 mm (0.02 mm at the image's edge) are nobody's concern.
     if (i < course) return 0.5f * std::log(raw + (i == offset_variance ? 1e-4f : 4e-4f));
     if (i < lag_2 || i == motion_response) return raw;

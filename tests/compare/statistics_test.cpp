@@ -163,6 +163,42 @@ TEST(Statistics, EdgesSeeTheForegroundGrow) {
   for (int bin = edge_bins; bin < 4 * edge_bins; ++bin) EXPECT_EQ(exact.weight[bin], 0) << "no such edge is there";
 }
 
+TEST(Statistics, OneOutlierBesideAnEdgeIsNoJitter) {
+  const auto jitter_with = [](bool outlier) {
+    const auto edges = of(statistics_of(
+                              4,
+                              [&](int frame, int row, int col, float z, const cv::Mat& normal) {
+                                const bool hit = outlier && frame == 2 && row == 60 && col == 79;
+                                return z + 0.2f * normal.at<float>(row, col) + (hit ? 25.f : 0.f);
+                              },
+                              scene(79), TargetKind::scene),
+                          "edges");
+    const int at = 4 * edge_bins + 3;  // of the foreground's last pixel
+    EXPECT_GT(edges.weight[at], 300);
+    return segment("edges").stabilise(edges.value[at], edges.weight[at], at, static_cast<int>(edges.value.size()));
+  };
+  // 360 pairs of frames jitter by 0.2 mm of 50 mm; two of them are half the step apart: 2 * 0.5 / 360 in the mean.
+  const double plain = 0.2 / 50 * 2 / std::sqrt(3.14159265), with = plain + 2 * 0.5 / 360;
+  EXPECT_NEAR(jitter_with(true) - jitter_with(false), 0.5 * std::log((with + 1e-3) / (plain + 1e-3)), 0.03);
+}
+
+TEST(Statistics, SharesScatterAlikeWhereverTheyLie) {
+  // Anscombe: the variance is 1/(4 (count + 1/2)) for any but the rarest events. Binomial draws, exactly summed.
+  for (const int count : {48, 64, 320})
+    for (const double share : {0.02, 0.1, 0.5, 0.9}) {
+      double mean = 0, square = 0, probability = std::pow(1 - share, count);
+      for (int k = 0; k <= count; ++k) {
+        const double value = stabilised_share(static_cast<float>(k) / count, static_cast<float>(count));
+        mean += probability * value;
+        square += probability * value * value;
+        probability *= (count - k) / (k + 1.0) * share / (1 - share);
+      }
+      const double expected = 1 / (4 * (count + 0.5));
+      EXPECT_NEAR((square - mean * mean) / expected, 1, share * count > 4 ? 0.1 : 0.3) << count << " " << share;
+    }
+  EXPECT_NEAR(stabilised_share(0.3f, 64) + stabilised_share(0.7f, 64), 3.14159265 / 2, 1e-5);
+}
+
 TEST(Statistics, SpectrumOfWhiteNoiseIsFlatAndRowNoiseStandsInItsRidge) {
   const auto density = [](const RawStatistic& raw, int i) { return raw.value[i]; };
   const auto white = of(statistics_of(6, [](int, int row, int col, float z,

@@ -96,6 +96,16 @@ TEST(Calibration, FindsAPeriodThatTheStartMissed) {
   expect_found(found, "row_banding", "phase", 0.6, 0.2);
 }
 
+TEST(Calibration, FindsAThresholdThatMovesPixelAfterPixel) {
+  // Where a mask is far from the measured one, slopes see the few pixels at its rim and promise next to nothing.
+  const Calibration found =
+      calibrated("  - low_confidence: {threshold: 36, disturbance: 0}\n  - spectral_noise: {sigma: 0.3}\n",
+                 "  - low_confidence: {threshold: 39.5, disturbance: 0}\n  - spectral_noise: {sigma: 0.3}\n",
+                 {.only = {"low_confidence.threshold"}});
+  // Rows of pixels of the tilted planes lie 0.1 deg apart in incidence.
+  expect_found(found, "low_confidence", "threshold", 36, 0.6);
+}
+
 TEST(Calibration, NamesWhatTheRecordingCannotDetermine) {
   // Nothing in this campaign is ever as slanted as 89 degrees, and the effect of a lamp that is not lit has no place.
   const Calibration found =

@@ -55,17 +55,22 @@ TEST(HiddenData, AgreeWithTheCatalogueInEverySegment) {
   }
 }
 
-TEST(HiddenEffects, AreNamedFirst) {
-  for (const char* effect :
-       {"radial_distortion", "row_noise", "depth_offset", "disparity_quantisation", "dead_pixels"}) {
-    const Diagnosis diagnosis = answer({"one", {effect}, Strength::strong, 1});
-    ASSERT_FALSE(diagnosis.candidates.empty()) << effect << ": " << diagnosis.headline;
-    EXPECT_EQ(diagnosis.candidates[0].effect, effect) << diagnosis.headline;
-    // Scores are of a typical unit: they know nothing of a map, which was recognised on the captures held out.
-    if (!find_effect(effect)->declaration.per_unit_map)
-      EXPECT_LT(diagnosis.ladder[1].score.heldout, diagnosis.ladder[0].score.heldout) << effect;
-  }
+class HiddenEffect : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(HiddenEffect, IsNamedFirst) {
+  const std::string effect = GetParam();
+  const Diagnosis diagnosis = answer({"one", {effect}, Strength::strong, 1});
+  ASSERT_FALSE(diagnosis.candidates.empty()) << diagnosis.headline;
+  EXPECT_EQ(diagnosis.candidates[0].effect, effect) << diagnosis.headline;
+  // Scores are of a typical unit: they know nothing of a map, which was recognised on the captures held out.
+  if (!find_effect(effect)->declaration.per_unit_map)
+    EXPECT_LT(diagnosis.ladder[1].score.heldout, diagnosis.ladder[0].score.heldout);
 }
+
+INSTANTIATE_TEST_SUITE_P(OfTheCatalogue, HiddenEffect,
+                         ::testing::Values("radial_distortion", "row_noise", "depth_offset", "disparity_quantisation",
+                                           "dead_pixels", "mismatch_outliers"),
+                         [](const auto& info) { return std::string(info.param); });
 
 TEST(HiddenEffects, NothingHiddenNothingNamed) {
   const Diagnosis diagnosis = answer({"none", {}, Strength::medium, 1});
