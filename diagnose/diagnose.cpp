@@ -11,6 +11,7 @@
 #include <opencv2/core/mat.hpp>
 
 #include "compare/probability.h"
+#include "diagnose/advice.h"
 #include "diagnose/last_step.h"
 #include "diagnose/plausibility.h"
 #include "diagnose/score.h"
@@ -175,6 +176,7 @@ class Climb {
           confounded(rung, *best, rival))
         accepted.rivals.push_back(rival.effect);
     report.confounded_with = accepted.rivals;
+    if (!accepted.rivals.empty()) seek_captures(report, rung, found, *best);
 
     // The gain was computed with the scale of the rung before; the ladder judges by the last one's. An addition that
     // lowers neither the held-out score there nor the proper score is no improvement, whatever its gain said. Scores
@@ -201,6 +203,19 @@ class Climb {
     evidence_.accepted.push_back(accepted);
     added_.push_back(effect);
     return true;
+  }
+
+  /// Captures that would tell an effect from the first of those it is confounded with.
+  void seek_captures(CandidateReport& report, const Rung& rung, const SearchResult& found, const Refined& best) const {
+    constexpr std::size_t most = 3;
+    const auto rival = std::find_if(found.refined.begin(), found.refined.end(),
+                                    [&](const Refined& r) { return r.effect == report.confounded_with.front(); });
+    report.sought_captures = true;
+    for (const AdvisedCapture& advised :
+         captures_that_separate(experiment_, motions_, rung, best.model, rival->model, options_.seed * 3001)) {
+      if (report.would_separate.size() == most) break;
+      report.would_separate.push_back(capture_name(advised.capture) + " " + advised.where_to);
+    }
   }
 
   /// The rung's model with a hypothesis added, everything fitted again. What the model had before was bent to make up

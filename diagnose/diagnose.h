@@ -50,6 +50,8 @@ struct CandidateReport {
   double heldout_after = 0;
   std::vector<std::pair<FitParameter, ParameterValue>> parameters;
   std::vector<std::string> confounded_with;
+  std::vector<std::string> would_separate;  ///< captures that, simulated, tell it from the first of those; best first
+  bool sought_captures = false;             ///< that would
 };
 
 /// An effect that explains much of the captures fitted to, but leaves no trace in those held out: no answer.

@@ -53,6 +53,7 @@ std::string diagnosis_json(const Diagnosis& diagnosis) {
       entry["parameters"][parameter.name] = p;
     }
     entry["confounded_with"] = candidate.confounded_with;
+    if (candidate.sought_captures) entry["captures_that_would_separate"] = candidate.would_separate;
     out["candidates"].push_back(entry);
   }
   out["unconfirmed"] = json::array();

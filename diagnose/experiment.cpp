@@ -246,6 +246,25 @@ void Experiment::simulate_capture(const Trial& trial, int c, StatVector& vector)
   put(c, statistics.finish(), vector);
 }
 
+StatVector Experiment::elsewhere(const SensorModel& model, int capture, const Offset& where, std::uint64_t seed,
+                                 int frames) const {
+  StatVector result(layout_.size, unknown);
+  SimulationRequest request;
+  request.capture = capture;
+  request.model = &model;
+  request.offset = where;
+  request.seed = seed;
+  StatisticContext context = contexts_[capture];
+  request.frames = context.frames = std::min(frames, context.frames);
+  CaptureStatistics statistics(context);
+  forward_.simulate(request, [&](const Frame& frame, int number) {
+    statistics.add(frame, forward_.perfect(capture, number, where, statistics_channels(), base_));
+  });
+  ++simulated_;
+  put(capture, statistics.finish(), result);
+  return result;
+}
+
 void Experiment::account(const std::string& what, const Trial& trial, int c, double cpu_s) const {
   const std::lock_guard lock(costs_guard_);
   Cost& cost = costs_[what];

@@ -97,6 +97,11 @@ class Experiment {
   std::vector<StatVector> simulate(const std::vector<Trial>& trials, const std::string& progress = "",
                                    bool shared = false) const;
 
+  /// Statistics of a capture whose target stood, and was known to stand, somewhere else than it was recorded; NaN in
+  /// the rest of the vector. Not cached.
+  StatVector elsewhere(const SensorModel& model, int capture, const Offset& where, std::uint64_t seed,
+                       int frames) const;
+
   /// Number of capture simulations that were really made (not found in the cache).
   long simulated() const { return simulated_; }
 

@@ -1,0 +1,87 @@
+#include "diagnose/advice.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <fmt/format.h>
+#include <opencv2/core.hpp>
+
+#include "core/parallel.h"
+#include "diagnose/slopes.h"
+
+namespace binrig {
+namespace {
+
+constexpr int seeds = 2, frames = 3;
+constexpr double least_signal = 0.5;  // of a segment of a difference
+/// A distance D is won by D +- 2 sqrt(D); it has to stay above 9, three standard deviations, in two cases of that.
+constexpr double far_enough = 36;
+
+struct Place {
+  Offset where;
+  std::string words;
+};
+
+std::vector<Place> places_of(double distance_mm, const std::optional<std::array<double, 2>>& range_mm) {
+  constexpr double degree = std::numbers::pi / 180;
+  std::vector<Place> places;
+  for (const double factor : {0.85, 1.18}) {
+    const double moved = factor * distance_mm;
+    if (range_mm && (moved < (*range_mm)[0] || moved > (*range_mm)[1])) continue;
+    Place place;
+    place.where.pose[5] = moved - distance_mm;
+    place.words = fmt::format("{:.0f} mm {}", std::abs(place.where.pose[5]), factor < 1 ? "nearer" : "further away");
+    places.push_back(place);
+  }
+  for (const int axis : {0, 1}) {
+    Place place;
+    place.where.pose[axis] = 25 * degree;
+    place.words = fmt::format("tilted by 25 deg about {}", axis == 0 ? "x" : "y");
+    places.push_back(place);
+  }
+  return places;
+}
+
+}  // namespace
+
+std::vector<AdvisedCapture> captures_that_separate(const Experiment& experiment,
+                                                   const std::vector<SceneMotion>& motions, const Rung& rung,
+                                                   const SensorModel& one, const SensorModel& other,
+                                                   std::uint64_t seed) {
+  const Layout& layout = experiment.layout();
+  std::vector<AdvisedCapture> asked;
+  for (int c = 0; c < layout.captures; ++c) {
+    if (!layout.train[c] || experiment.captures()[c].power_on || experiment.context(c).motion) continue;
+    const cv::Mat& depth = experiment.nominal(c).depth_mm;
+    const double distance = cv::sum(depth)[0] / std::max(1, cv::countNonZero(depth));
+    for (const Place& place : places_of(distance, experiment.forward().set().sensor.range_mm))
+      asked.push_back({c, place.where, place.words});
+  }
+  const std::vector<NuisanceRow> rows = motion_rows(layout, rung.standard, motions);
+  parallel_for(static_cast<int>(asked.size()), [&](int i) {
+    AdvisedCapture& advised = asked[i];
+    std::vector<StatVector> changes;
+    for (int k = 0; k < seeds; ++k) {
+      const std::uint64_t own = seed + static_cast<std::uint64_t>(k);
+      changes.push_back(experiment.elsewhere(one, advised.capture, advised.where, own, frames));
+      const StatVector rival = experiment.elsewhere(other, advised.capture, advised.where, own, frames);
+      for (int j = 0; j < layout.size; ++j) changes.back()[j] -= rival[j];
+    }
+    fill_unknown(layout, changes, true);
+    std::vector<Whitened> by_seed;
+    for (const StatVector& change : changes) by_seed.push_back(rung.standard.difference(change));
+    const Whitened mean = shrunk(layout, mean_over_seeds(layout, by_seed), least_signal);
+    // What a pose does to a target's depth is nearly the same wherever it stands.
+    std::vector<NuisanceRow> its_poses;
+    for (const NuisanceRow& row : rows)
+      if (row.capture == advised.capture) its_poses.push_back(row);
+    advised.distance2 = dot(Metric(layout, Part::train, its_poses).apply(mean), mean);
+  });
+  std::erase_if(asked, [](const AdvisedCapture& a) { return a.distance2 < far_enough; });
+  std::stable_sort(asked.begin(), asked.end(),
+                   [](const AdvisedCapture& a, const AdvisedCapture& b) { return a.distance2 > b.distance2; });
+  return asked;
+}
+
+}  // namespace binrig
