@@ -176,7 +176,8 @@ std::vector<float> SegmentDeclaration::transform(const RawStatistic& raw, const 
   std::vector<float> result(n, 0.f);
   for (int i = 0; i < n; ++i)
     if (raw.weight[i] > 0 && reference.weight[i] > 0)
-      result[i] = stabilise(raw.value[i], raw.weight[i], i, n) - stabilise(reference.value[i], reference.weight[i], i, n);
+      result[i] =
+          stabilise(raw.value[i], raw.weight[i], i, n) - stabilise(reference.value[i], reference.weight[i], i, n);
   return result;
 }
 

@@ -161,7 +161,8 @@ Experiment::Experiment(const ForwardModel& forward, const SensorModel& model, Si
 
 Experiment::~Experiment() {
   for (const auto& [what, cost] : costs_)
-    fmt::print(stderr, "{:<40} {:7} captures {:8} frames {:7.1f} s of CPU\n", what, cost.captures, cost.frames, cost.cpu_s);
+    fmt::print(stderr, "{:<40} {:7} captures {:8} frames {:7.1f} s of CPU\n", what, cost.captures, cost.frames,
+               cost.cpu_s);
 }
 
 bool Experiment::repeats() const {
@@ -180,10 +181,9 @@ void Experiment::put(int capture, const std::vector<RawStatistic>& raw, StatVect
     const auto& declaration = segments()[block.segment];
     if (static_cast<int>(segment_raw.value.size()) != block.size) continue;  // too few frames for this segment
     for (int i = 0; i < block.size; ++i)
-      vector[block.offset + i] =
-          segment_raw.weight[i] > 0
-              ? declaration.stabilise(segment_raw.value[i], segment_raw.weight[i], i, block.size)
-              : unknown;
+      vector[block.offset + i] = segment_raw.weight[i] > 0
+                                     ? declaration.stabilise(segment_raw.value[i], segment_raw.weight[i], i, block.size)
+                                     : unknown;
   }
 }
 

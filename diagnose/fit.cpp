@@ -204,15 +204,14 @@ class Fitter {
   std::vector<std::vector<StatVector>> simulate_ahead(const std::vector<int>& moved) {
     touched_.resize(n_);
     std::vector<std::vector<StatVector>> ahead(n_);
-    const auto simulate = [&](bool asked_before, int first_seed, int last_seed) {
+    const auto simulate = [&](bool asked_before, int seeds) {
       std::vector<Trial> trials;
       std::vector<std::pair<int, int>> of;  // parameter, seed
       for (const int p : moved) {
         if (touched_[p].has_value() != asked_before || (asked_before && touched_[p]->captures.empty())) continue;
         Eigen::VectorXd x = fit_.value;
         x[p] += derivative_step(p);
-        for (int k = first_seed; k < last_seed; ++k) {
-          if (static_cast<int>(ahead[p].size()) > k) continue;
+        for (int k = static_cast<int>(ahead[p].size()); k < seeds; ++k) {
           trials.push_back(trial(with_values(now_.model, parameters_, x), now_.offsets, k));
           if (asked_before) trials.back().only = touched_[p]->captures;
           of.emplace_back(p, k);
@@ -227,10 +226,10 @@ class Fitter {
     };
     for (const int p : moved)
       if (touched_[p] && std::abs(touched_[p]->value - fit_.value[p]) > parameters_[p].longest) touched_[p].reset();
-    simulate(false, 0, 1);
+    simulate(false, 1);
     for (const int p : moved)
       if (!touched_[p]) touched_[p] = Touched{fit_.value[p], changed_captures(ahead[p][0], now_.simulations[0])};
-    simulate(true, 0, options_.seeds);
+    simulate(true, options_.seeds);
     for (const int p : moved)
       for (int k = static_cast<int>(ahead[p].size()); k < options_.seeds; ++k) ahead[p].push_back(now_.simulations[k]);
     return ahead;

@@ -28,7 +28,7 @@ std::vector<StatVector> short_simulations(const Experiment& experiment, const Se
 
 /// Moves the targets to where the bias maps want them; returns by how much the furthest moved, in prior sigmas.
 double register_targets(const Layout& layout, const std::vector<SceneMotion>& motions,
-                      const std::vector<NuisanceRow>& rows, const Whitened& data, std::vector<Offset>& offsets) {
+                        const std::vector<NuisanceRow>& rows, const Whitened& data, std::vector<Offset>& offsets) {
   const auto before = values_of(motions, offsets);
   offsets = offsets_of(layout, motions, Metric(layout, Part::all, rows).explain(data, before).values, {});
   const auto after = values_of(motions, offsets);

@@ -67,16 +67,17 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
       for (const auto& name : {candidate.effect, candidate.confounded_with.front()})
         if (const auto* effect = catalogue.find(name); effect && !effect->revealed_by.empty())
           captures.push_back(fmt::format("{} (shows {})", effect->revealed_by, name));
-      std::string text = fmt::format("{} and {} look the same in these captures", candidate.effect,
-                                     list(candidate.confounded_with));
+      std::string text =
+          fmt::format("{} and {} look the same in these captures", candidate.effect, list(candidate.confounded_with));
       if (!candidate.would_separate.empty())
-        text += fmt::format("; simulated with either, one more capture like one of these would tell {} from {}: {}",
-                            candidate.effect, candidate.confounded_with.front(),
-                            fmt::join(candidate.would_separate, ", "));
+        text +=
+            fmt::format("; simulated with either, one more capture like one of these would tell {} from {}: {}",
+                        candidate.effect, candidate.confounded_with.front(), fmt::join(candidate.would_separate, ", "));
       else if (candidate.sought_captures)
-        text += fmt::format("; simulated with either, none of them nearer, further away or tilted would tell {} from {}; "
-                            "to tell them apart, if anything does, record {}",
-                            candidate.effect, candidate.confounded_with.front(), list(captures));
+        text += fmt::format(
+            "; simulated with either, none of them nearer, further away or tilted would tell {} from {}; "
+            "to tell them apart, if anything does, record {}",
+            candidate.effect, candidate.confounded_with.front(), list(captures));
       else
         text += "; to tell them apart, record " + list(captures);
       diagnosis.advice.push_back(text);

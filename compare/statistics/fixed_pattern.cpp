@@ -205,7 +205,9 @@ SegmentDeclaration fixed_pattern_segment() {
   s.begin = [](const StatisticContext& context) -> std::unique_ptr<Statistic> {
     return std::make_unique<FixedPattern>(context);
   };
-  s.stabilise = [](float raw, float, int i, int) { return std::asinh(raw / (i < rings || i >= first_lag ? 4e-4f : 4e-6f)); };
+  s.stabilise = [](float raw, float, int i, int) {
+    return std::asinh(raw / (i < rings || i >= first_lag ? 4e-4f : 4e-6f));
+  };
   return s;
 }
 

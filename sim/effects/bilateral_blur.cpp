@@ -108,8 +108,7 @@ class BilateralBlur : public Run {
         const std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row - radius_);
         for (int col = 0; col < layers.depth_mm.cols; ++col) {
           const int i = col + radius_;
-          const float mean =
-              a[i] + (own.steps[i] + above.steps[i]) / (1.f + (own.weights[i] + above.weights[i]));
+          const float mean = a[i] + (own.steps[i] + above.steps[i]) / (1.f + (own.weights[i] + above.weights[i]));
           z[col] = reason[col] == 0 ? mean : z[col];
         }
       }

@@ -17,8 +17,8 @@ struct Stage {
       "m", effect_catalogue());
   SimulationCache cache{""};
   Experiment experiment{campaign.forward(), plain, cache};
-  std::vector<SceneMotion> motions = scene_motions(
-      experiment, plain, registration_prior(campaign.forward().set(), experiment.nominal(0).camera));
+  std::vector<SceneMotion> motions =
+      scene_motions(experiment, plain, registration_prior(campaign.forward().set(), experiment.nominal(0).camera));
   Rung rung;
 
   Stage() {
