@@ -124,8 +124,8 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
 
 bool SegmentFit::significant() const {
   // Both: beyond what chance does, and large enough to matter: half of what randomness and practical floor are
-  // together.
-  return excess > 6 * spread && excess > 1;
+  // together, or a tenth of that where chance is out of the question.
+  return (excess > 6 * spread && excess > 1) || (excess > 10 * spread && excess > 0.1);
 }
 
 std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung) {

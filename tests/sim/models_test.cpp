@@ -49,7 +49,7 @@ TEST(Models, FittedCamerasSayWhereEachNumberComesFrom) {
         EXPECT_EQ(is_fitted, value.ci95.has_value()) << where;
         fitted += is_fitted;
       }
-    EXPECT_GE(fitted, 3) << name;
+    EXPECT_GE(fitted, 2) << name;  // single frames (Kinect v1) determine no more
   }
 }
 
