@@ -49,6 +49,7 @@ class FrequencyBins {
   /// Bin of DFT row `row` and column `col` (0 .. half_cols-1) of a rows x cols image.
   using Rule = int (*)(int row, int col, int rows, int cols);
   explicit FrequencyBins(Rule rule) : rule_(rule) {}
+  /// rows x (cols/2 + 1) bins; valid as long as this object. Throws what the rule throws.
   const std::vector<int>& of(int rows, int cols);
 
  private:

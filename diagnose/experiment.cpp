@@ -225,43 +225,43 @@ Measurement Experiment::measure(const FrameReader& reader, std::vector<std::stri
   return measured;
 }
 
-void Experiment::simulate_capture(const Trial& trial, int c, StatVector& vector) const {
+void Experiment::read_simulation(SimulationRequest request, int frames, const SeenAt& seen, StatVector& vector) const {
+  const int c = request.capture;
   StatisticContext context = contexts_[c];
-  SimulationRequest request;
-  request.frames = context.frames =
-      shortened_frames(trial.most_frames, trial.shorten_series, captures()[c], context.frames);
+  request.frames = context.frames = frames;
   CaptureStatistics statistics(context);
-  request.capture = c;
-  // Nobody knows the maps of the unit that was measured: every simulated recording is one of another unit.
-  SensorModel unit = trial.model;
-  unit.unit_seed = mix_keys(unit.unit_seed, trial.seed);
-  request.model = &unit;
-  if (!trial.offsets.empty()) request.offset = trial.offsets[c];
-  request.seed = trial.seed;
   forward_.simulate(request, [&](const Frame& frame, int number) {
-    const auto channels = nominal_at(c, number);
+    const auto channels = seen(number);
     statistics.add(frame, channels, channels == nominal_[c] ? regions_[c] : nullptr);
   });
   ++simulated_;
   put(c, statistics.finish(), vector);
 }
 
-StatVector Experiment::elsewhere(const SensorModel& model, int capture, const Offset& where, std::uint64_t seed,
-                                 int frames) const {
-  StatVector result(layout_.size, unknown);
+void Experiment::simulate_capture(const Trial& trial, int c, StatVector& vector) const {
+  // Nobody knows the maps of the unit that was measured: every simulated recording is one of another unit.
+  SensorModel unit = trial.model;
+  unit.unit_seed = mix_keys(unit.unit_seed, trial.seed);
   SimulationRequest request;
-  request.capture = capture;
+  request.capture = c;
+  request.model = &unit;
+  if (!trial.offsets.empty()) request.offset = trial.offsets[c];
+  request.seed = trial.seed;
+  const int frames = shortened_frames(trial.most_frames, trial.shorten_series, captures()[c], contexts_[c].frames);
+  read_simulation(
+      request, frames, [&](int number) { return nominal_at(c, number); }, vector);
+}
+
+StatVector Experiment::elsewhere(const SensorModel& model, int c, const Offset& where, std::uint64_t seed,
+                                 int frames) const {
+  SimulationRequest request;
+  request.capture = c;
   request.model = &model;
   request.offset = where;
   request.seed = seed;
-  StatisticContext context = contexts_[capture];
-  request.frames = context.frames = std::min(frames, context.frames);
-  CaptureStatistics statistics(context);
-  forward_.simulate(request, [&](const Frame& frame, int number) {
-    statistics.add(frame, forward_.perfect(capture, number, where, statistics_channels(), base_));
-  });
-  ++simulated_;
-  put(capture, statistics.finish(), result);
+  StatVector result(layout_.size, unknown);
+  const auto seen = [&](int number) { return forward_.perfect(c, number, where, statistics_channels(), base_); };
+  read_simulation(request, std::min(frames, contexts_[c].frames), seen, result);
   return result;
 }
 

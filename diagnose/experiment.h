@@ -97,8 +97,8 @@ class Experiment {
   std::vector<StatVector> simulate(const std::vector<Trial>& trials, const std::string& progress = "",
                                    bool shared = false) const;
 
-  /// Statistics of a capture whose target stood, and was known to stand, somewhere else than it was recorded; NaN in
-  /// the rest of the vector. Not cached.
+  /// Statistics of no more than `frames` frames of a capture whose target stood, and was known to stand, at an offset
+  /// from where it was recorded; NaN in the rest of the vector. Not cached. Throws what simulating throws.
   StatVector elsewhere(const SensorModel& model, int capture, const Offset& where, std::uint64_t seed,
                        int frames) const;
 
@@ -109,6 +109,10 @@ class Experiment {
   void put(int capture, const std::vector<RawStatistic>& raw, StatVector& vector) const;
   std::shared_ptr<const Channels> nominal_at(int capture, int frame) const;
   void simulate_capture(const Trial& trial, int capture, StatVector& vector) const;
+  using SeenAt = std::function<std::shared_ptr<const Channels>(int frame)>;
+  /// Simulates so many frames and writes their statistics, relative to what is `seen`, to the capture's blocks.
+  void read_simulation(SimulationRequest request, int frames, const SeenAt& seen, StatVector& vector) const;
+  void account(const std::string& what, const Trial& trial, int capture, double cpu_s) const;
 
   const ForwardModel& forward_;
   SensorModel base_;
@@ -118,8 +122,6 @@ class Experiment {
   std::vector<std::shared_ptr<const Channels>> nominal_;
   std::vector<std::shared_ptr<const CaptureRegions>> regions_;
   std::uint64_t set_key_ = 0;
-  void account(const std::string& what, const Trial& trial, int capture, double cpu_s) const;
-
   mutable std::atomic<long> simulated_{0};
   /// What simulating cost, by what it was for; printed at the end where tracing() is on.
   struct Cost {

@@ -81,7 +81,8 @@ void check_registration(const Experiment& experiment, const StatVector& data, co
   }
   mirrored.projector_xyz_mm = -*projector;
   const auto simulated =
-      experiment.simulate({Trial{as_given, {}, 11, Part::all, 1, true}, Trial{mirrored, {}, 11, Part::all, 1, true}});
+      experiment.simulate({Trial{as_given, {}, 11, Part::all, 1, true}, Trial{mirrored, {}, 11, Part::all, 1, true}},
+                          "looking which side the shadows are on");
   double apart[2] = {0, 0}, differ = 0;
   for (const auto& block : experiment.layout().blocks) {
     if (segments()[block.segment].name != "drop-out") continue;
