@@ -44,15 +44,16 @@ void fill_parameters(CandidateReport& report, const SensorModel& model, const Fi
   report.parameters.clear();
   for (const auto& parameter : fit.parameters)
     if (parameter.id == report.id) report.parameters.emplace_back(parameter, instance->values.at(parameter.name));
-  for (const auto& spec : instance->declaration(catalogue).parameters) {  // whole numbers: without interval
+  for (const auto& spec : instance->declaration(catalogue).parameters) {  // whole numbers: without interval; maps
     const bool listed = std::any_of(report.parameters.begin(), report.parameters.end(),
                                     [&](const auto& entry) { return entry.first.name == spec.name; });
-    if (listed || (spec.kind != ParameterKind::integer && spec.interpolate)) continue;
+    const ParameterValue& value = instance->values.at(spec.name);
+    if (listed || (spec.kind != ParameterKind::integer && spec.interpolate && !value.ci95)) continue;
     FitParameter parameter;
     parameter.id = report.id;
     parameter.name = spec.name;
     parameter.unit = spec.unit;
-    report.parameters.emplace_back(parameter, instance->values.at(spec.name));
+    report.parameters.emplace_back(parameter, value);
   }
 }
 
@@ -199,6 +200,7 @@ class Climb {
       rungs_.pop_back();
       return false;
     }
+    hold(*best, rung_options_);
     diagnosis_.candidates.push_back(report);
     evidence_.accepted.push_back(accepted);
     added_.push_back(effect);
@@ -224,10 +226,18 @@ class Climb {
     RungOptions options = rung_options_;
     options.added = hypothesis.id;
     options.narrow = narrow_of(rung.fit.parameters);
+    hold(hypothesis, options);
     SensorModel start = hypothesis.model;
     for (auto& instance : start.effects)
       if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
     return fit_rung(experiment_, motions_, measured_, start, rung.offsets, options);
+  }
+
+  /// What a map said of an effect's parameters stays.
+  static void hold(const Refined& hypothesis, RungOptions& options) {
+    if (!hypothesis.given_by_map) return;
+    for (const auto& [name, value] : hypothesis.model.find(hypothesis.id)->values)
+      if (value.ci95) options.fixed.push_back(hypothesis.id + "." + name);
   }
 
   /// What was needed on the way may be superfluous beside what was added later. The last one just proved itself.
@@ -315,12 +325,15 @@ class Climb {
       const auto step =
           static_cast<std::size_t>(std::find(added_.begin(), added_.end(), candidate.effect) - added_.begin());
       candidate.heldout_after = ladder[step].heldout;
-      for (auto& instance : diagnosis_.improved.effects)
-        if (instance.id == candidate.id)
-          instance.provenance = fmt::format(
-              "added by diagnosis: held-out score {:.3g} -> {:.3g} (gain of chi-square {:.3g} "
-              "on captures not fitted to); {}",
-              ladder[step - 1].heldout, ladder[step].heldout, candidate.evidence, options_.provenance);
+      for (auto& instance : diagnosis_.improved.effects) {
+        if (instance.id != candidate.id) continue;
+        for (auto& [name, value] : instance.values)
+          if (value.ci95) value.provenance = options_.provenance;
+        instance.provenance = fmt::format(
+            "added by diagnosis: held-out score {:.3g} -> {:.3g} (gain of chi-square {:.3g} "
+            "on captures not fitted to); {}",
+            ladder[step - 1].heldout, ladder[step].heldout, candidate.evidence, options_.provenance);
+      }
     }
     for (int c = 0; c < experiment_.layout().captures; ++c)
       if (const Block* block = experiment_.layout().find(c, "bias")) diagnosis_.maps.push_back(maps_of(c, *block));

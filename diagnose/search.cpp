@@ -67,11 +67,17 @@ class Search {
         return experiment_.simulate(UnitMap::trials_of(rung_, model, options_.seed + 80), "simulating units");
       };
       if (without.empty()) without = simulate(rung_.model);
-      const UnitMap map(experiment_.layout(), rung_, without, simulate(added(h)));
-      const UnitMap::Gain gain = map.gain(rung_.rest, rung_.rest);
+      UnitMap map(experiment_.layout(), rung_, without, simulate(added(h)));
+      if (map.gain(rung_.rest, rung_.rest).train > worth_a_look) {
+        UnitMapFit fit =
+            fit_unit_map(experiment_, rung_, hypothesis, result_.linear[h].values, without, options_.seed + 80);
+        result_.linear[h].values = fit.values;
+        map_deviations_[h] = std::move(fit.deviation);
+        map = std::move(fit.map);
+      }
       if (map.looks_random(rung_.rest) && (map.gain(rung_.rest, rung_.rest, "bias").train < worth_a_look || !shaped()))
-        map_gains_[h] = gain;
-      maps_.emplace(h, map);
+        map_gains_[h] = map.gain(rung_.rest, rung_.rest);
+      maps_.emplace(h, std::move(map));
     }
   }
 
@@ -155,6 +161,23 @@ class Search {
 
   UnitMap::Gain map_gain(int h) const { return map_gains_.count(h) ? map_gains_.at(h) : UnitMap::Gain{}; }
 
+  /// The rung's model with the effect as its map has it.
+  RefinedFit given_by_map(int h) const {
+    RefinedFit result;
+    result.fit.model = rung_.model;
+    EffectInstance& instance = add_effect(result.fit.model, experiment_.forward().catalogue(),
+                                          hypotheses_.tested[h].effect, result_.linear[h].values);
+    result.id = instance.id;
+    for (const auto& [name, deviation] : map_deviations_.at(h)) {
+      ParameterValue& value = instance.values[name];
+      const ParameterSpec& spec = *hypotheses_.tested[h].declaration->parameter(name);
+      const double factor = std::exp(1.96 * deviation);
+      value.ci95 = {{std::clamp(value.value / factor, spec.lower, spec.upper),
+                     std::clamp(value.value * factor, spec.lower, spec.upper)}};
+    }
+    return result;
+  }
+
   /// What a refined hypothesis gains, by simulation.
   void judge(RefinedFit fitted, int h) {
     Refined refined;
@@ -168,6 +191,7 @@ class Search {
     refined.gate = own_gate_[h];
     refined.p = result_.p_values[h];
     refined.random_map = !maps_.count(h) || map_gains_.count(h);
+    refined.given_by_map = map_deviations_.count(h);
     Refiner refiner = refiner_;
     if (hypotheses_.tested[h].declaration->needs.repeats) refiner.seeds *= 4;  // it happens, or does not
     const Remainder with = registered_remainder(refiner, refined.model);
@@ -195,8 +219,12 @@ class Search {
                                              [](const ParameterSpec& spec) { return !spec.interpolate; });
       if (gain < (to_be_scanned ? 0.5 : 1) * options_.hopeless * most_explained) continue;
       const Hypothesis& hypothesis = hypotheses_.tested[h];
-      const LinearGain start = with_period(refiner_, hypothesis, result_.linear[h], signatures_);
-      judge(refine(refiner_, hypothesis, start), h);
+      if (map_deviations_.count(h)) {
+        judge(given_by_map(h), h);
+      } else {
+        const LinearGain start = with_period(refiner_, hypothesis, result_.linear[h], signatures_);
+        judge(refine(refiner_, hypothesis, start), h);
+      }
       most_explained = std::max(most_explained, result_.refined.back().train_gain * rung_.dispersion);
     }
   }
@@ -223,10 +251,11 @@ class Search {
   const Refiner refiner_;
   const int count_;
   SearchResult result_;
-  static constexpr double worth_a_look = 30;  // gain of chi
-  std::optional<bool> shaped_;                // the bias has a simple shape
-  std::map<int, UnitMap> maps_;               // by hypothesis
-  std::map<int, UnitMap::Gain> map_gains_;    // of those that look random
+  static constexpr double worth_a_look = 30;                     // gain of chi
+  std::optional<bool> shaped_;                                   // the bias has a simple shape
+  std::map<int, UnitMap> maps_;                                  // by hypothesis
+  std::map<int, UnitMap::Gain> map_gains_;                       // of those that look random
+  std::map<int, std::map<std::string, double>> map_deviations_;  // of parameters that their maps gave
   std::vector<double> own_gate_;
   Remainder base_;
   double left_;  // dispersion, by the best so far

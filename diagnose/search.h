@@ -20,6 +20,8 @@ struct Refined {
   double share = 1;                      ///< of the excess over the model's own randomness on train that train_gain is
   PValue p;
   bool random_map = true;    ///< false: it draws a map of the unit, but what is fixed in the image looks like none
+  /// Its parameters are those of a map that was recognised, with intervals: nothing else says more of them.
+  bool given_by_map = false;
   Whitened change;           ///< what it moves, all captures
   double shown_on_test = 0;  ///< square of that on the captures held out, dispersion divided out
   int shown_in = 0;          ///< the train capture that shows it most

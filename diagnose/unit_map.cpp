@@ -2,10 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numbers>
 
 #include <fmt/format.h>
 #include <Eigen/Eigenvalues>
 
+#include "compare/probability.h"
+#include "core/parallel.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
@@ -28,15 +32,49 @@ double kurtosis_of(const std::vector<double>& map) {
   return square > 0 ? fourth * static_cast<double>(map.size()) / (square * square) : 3;
 }
 
-/// Mean product of adjacent cells over the mean square, of which `noise` (of the sum of squares) is none of the map's.
-double neighbour_correlation(const std::vector<double>& map, int cols, double noise) {
-  const int n = static_cast<int>(map.size());
-  double product = 0;
-  for (int i = 0; i < n; ++i) {
-    if ((i + 1) % cols != 0) product += map[i] * map[i + 1];
-    if (i + cols < n) product += map[i] * map[i + cols];
+/// Ring of a cosine; -1 for the constant. The first ring goes to where each side has four cosines.
+int ring_of(int row, int col, int rows, int cols) {
+  if (row == 0 && col == 0) return -1;
+  const double frequency = std::hypot(static_cast<double>(row) / rows, static_cast<double>(col) / cols);
+  const double first = 3.5 / std::max(rows, cols);
+  constexpr double ratio = 1.4;
+  const int last = static_cast<int>(std::log(0.9 / first) / std::log(ratio));  // the corners go with it
+  return frequency < first ? 0 : std::min(last, 1 + static_cast<int>(std::log(frequency / first) / std::log(ratio)));
+}
+
+std::vector<double> modes_of(int rows, int cols) {
+  std::vector<double> modes;
+  for (int i = 1; i < rows * cols; ++i) {
+    const std::size_t ring = ring_of(i / cols, i % cols, rows, cols);
+    if (ring >= modes.size()) modes.resize(ring + 1, 0);
+    modes[ring] += 1;
   }
-  return product / 2 / std::max(1e-12, sum_of_squares(map) - noise);
+  return modes;
+}
+
+/// Orthonormal cosines, row by row.
+Eigen::MatrixXd cosines(int n) {
+  Eigen::MatrixXd m(n, n);
+  for (int k = 0; k < n; ++k)
+    for (int i = 0; i < n; ++i)
+      m(k, i) = std::sqrt((k == 0 ? 1.0 : 2.0) / n) * std::cos(std::numbers::pi * k * (i + 0.5) / n);
+  return m;
+}
+
+UnitMap::Spectrum spectrum_of(const std::vector<double>& map, int cols) {
+  const int rows = static_cast<int>(map.size()) / cols;
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const RowMajor transformed =
+      cosines(rows) * Eigen::Map<const RowMajor>(map.data(), rows, cols) * cosines(cols).transpose();
+  UnitMap::Spectrum spectrum;
+  const auto modes = modes_of(rows, cols);
+  spectrum.power.resize(modes.size(), 0);
+  for (int i = 1; i < rows * cols; ++i) {
+    const int ring = ring_of(i / cols, i % cols, rows, cols);
+    spectrum.power[ring] += transformed(i / cols, i % cols) * transformed(i / cols, i % cols) / modes[ring];
+  }
+  spectrum.kurtosis = kurtosis_of(map);
+  return spectrum;
 }
 
 }  // namespace
@@ -48,15 +86,23 @@ std::vector<Trial> UnitMap::trials_of(const Rung& rung, const SensorModel& model
   return trials;
 }
 
+std::vector<Whitened> UnitMap::changes(const Rung& rung, const std::vector<StatVector>& without,
+                                       const std::vector<StatVector>& with) {
+  std::vector<Whitened> result;
+  for (std::size_t k = 0; k < with.size(); ++k) {
+    StatVector difference(with[k].size());
+    for (std::size_t i = 0; i < difference.size(); ++i) difference[i] = with[k][i] - without[k][i];
+    result.push_back(rung.standard.difference(difference));
+  }
+  return result;
+}
+
 UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatVector>& without,
                  const std::vector<StatVector>& with)
-    : spread_(rung.standard.spread()) {
-  std::vector<Whitened> change;
-  for (std::size_t k = 0; k < with.size(); ++k) {
-    StatVector difference(layout.size);
-    for (int i = 0; i < layout.size; ++i) difference[i] = with[k][i] - without[k][i];
-    change.push_back(rung.standard.difference(difference));
-  }
+    : spread_(rung.standard.spread()), train_(rung.train), test_(rung.test) {
+  const std::vector<Whitened> change = changes(rung, without, with);
+  std::vector<Whitened> nulls(std::min<std::size_t>(rung.nulls.size(), 24));
+  parallel_for(static_cast<int>(nulls.size()), [&](int k) { nulls[k] = remains_of(rung, rung.nulls[k], {}).rest; });
   for (std::size_t s = 0; s < binrig::segments().size(); ++s) {
     std::vector<const Block*> blocks;
     for (const Block& block : layout.blocks)
@@ -84,23 +130,78 @@ UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatV
     for (int c = 0; c < n; ++c) segment.loadings.push_back({blocks[c]->offset, blocks[c]->train, loading[c]});
 
     double square = 0, known = 0;
-    for (const auto& null : rung.nulls) {
-      const Whitened rest = rung.train.explain(null).rest;
+    for (const Whitened& rest : nulls)
       for (const Block* block : blocks)
         for (int i = block->offset; block->train && i < block->offset + block->size; ++i)
           if (spread_[i] > 0) square += static_cast<double>(rest[i]) * rest[i], known += 1;
-    }
     if (known == 0 || square <= 0) continue;
     segment.noise = square / known;
-    segment.kurtosis = 0;
-    for (const Whitened& one : change) {
+    for (const Whitened& rest : nulls) {
       double unused = 0;
-      const auto map = map_of(segment, one, unused);
-      segment.kurtosis += kurtosis_of(map) / static_cast<double>(change.size());
-      segment.neighbour += neighbour_correlation(map, segment.cols, 0) / static_cast<double>(change.size());
+      const Spectrum its = spectrum_of(map_of(segment, rest, unused), segment.cols);
+      segment.noise_power.resize(its.power.size(), 0);
+      for (std::size_t r = 0; r < its.power.size(); ++r)
+        segment.noise_power[r] += its.power[r] / static_cast<double>(nulls.size());
     }
     segments_.push_back(std::move(segment));
+    segments_.back().spectrum = spectrum_of_units(static_cast<int>(segments_.size()) - 1, change);
   }
+}
+
+UnitMap::Spectrum UnitMap::spectrum_of_units(int s, const std::vector<Whitened>& change) const {
+  const Segment& segment = segments_[s];
+  Spectrum mean;
+  mean.kurtosis = 0;
+  for (const Whitened& one : change) {
+    Whitened seen = train_.apply(one);  // nuisances take of it what they take of the measured one
+    const Whitened on_test = test_.apply(one);
+    for (std::size_t i = 0; i < seen.size(); ++i) seen[i] += on_test[i];
+    compress(seen);
+    double unused = 0;
+    const Spectrum its = spectrum_of(map_of(segment, seen, unused), segment.cols);
+    mean.power.resize(its.power.size(), 0);
+    for (std::size_t r = 0; r < its.power.size(); ++r) mean.power[r] += its.power[r] / change.size();
+    mean.kurtosis += its.kurtosis / static_cast<double>(change.size());
+  }
+  return mean;
+}
+
+std::vector<double> UnitMap::modes(int s) const {
+  return modes_of(segments_[s].cells / segments_[s].cols, segments_[s].cols);
+}
+
+std::optional<int> UnitMap::strongest(const Whitened& rest) const {
+  std::optional<int> best;
+  double most = 0;
+  for (std::size_t s = 0; s < segments_.size(); ++s) {
+    const double its = gain(rest, rest, segments_[s].name).train;
+    if (its > most) most = its, best = static_cast<int>(s);
+  }
+  return best;
+}
+
+UnitMap::Match UnitMap::match(int s, const Whitened& rest, const Spectrum& units) const {
+  const Segment& segment = segments_[s];
+  double unused = 0;
+  const Spectrum seen = spectrum_of(map_of(segment, rest, unused), segment.cols);
+  const auto modes = this->modes(s);
+  Match best;
+  best.log_likelihood = -std::numeric_limits<double>::infinity();
+  for (double log_scale = -6; log_scale <= 6; log_scale += 0.02) {
+    double log_likelihood = 0;
+    for (std::size_t r = 0; r < modes.size(); ++r) {
+      const double expected = std::exp(log_scale) * units.power[r] + segment.noise_power[r];
+      log_likelihood -= modes[r] / 2 * (std::log(expected) + seen.power[r] / expected);
+    }
+    if (log_likelihood > best.log_likelihood) best.log_likelihood = log_likelihood, best.log_scale = log_scale;
+  }
+  for (std::size_t r = 0; r < modes.size(); ++r) {
+    const double of_map = std::exp(best.log_scale) * units.power[r], expected = of_map + segment.noise_power[r];
+    const double ratio = seen.power[r] / expected;
+    best.slope.push_back(of_map / expected);
+    best.misfit += modes[r] * (ratio - 1 - std::log(std::max(ratio, 1e-12)));
+  }
+  return best;
 }
 
 void UnitMap::sums(const Segment& segment, int cell, const Whitened& rest, bool train, double& b, double& g) const {
@@ -154,20 +255,23 @@ UnitMap::Gain UnitMap::gain(const Whitened& train, const Whitened& test, const s
 }
 
 bool UnitMap::looks_random(const Whitened& rest) const {
-  for (const Segment& segment : segments_) {
+  constexpr double by_chance = 1e-4;
+  for (std::size_t s = 0; s < segments_.size(); ++s) {
+    const Segment& segment = segments_[s];
     double noise = 0;
     const auto map = map_of(segment, rest, noise);
     if (sum_of_squares(map) < 2 * noise) continue;  // too little of a map to judge it
+    const double misfit = match(static_cast<int>(s), rest, segment.spectrum).misfit;
+    const double most = chi_square_threshold(by_chance, static_cast<double>(segment.spectrum.power.size()));
+    const double kurtosis = kurtosis_of(map), usual = segment.spectrum.kurtosis;
     if (tracing())
-      fmt::print(stderr, "  unit map: neighbours {:.2f} (units {:.2f}), kurtosis {:.1f} ({:.1f})\n",
-                 neighbour_correlation(map, segment.cols, noise), segment.neighbour, kurtosis_of(map),
-                 segment.kurtosis);
-    constexpr double more_alike = 0.35;
-    if (neighbour_correlation(map, segment.cols, noise) > segment.neighbour + more_alike) return false;
-    const double kurtosis = kurtosis_of(map);
+      fmt::print(stderr,
+                 "  unit map in {}: {:.1f} times the noise, misfit {:.1f} (at most {:.1f}), kurtosis {:.1f} ({:.1f})\n",
+                 segment.name, sum_of_squares(map) / noise, misfit, most, kurtosis, usual);
+    if (misfit > most) return false;
     // A wave has 1.5 and two levels have 1; a Gaussian map has 3, smooth ones (of few independent patches) 2 .. 4.
-    if (kurtosis < 0.62 * std::min(segment.kurtosis, 5.0)) return false;
-    if (segment.kurtosis < 5 && kurtosis > 1.7 * segment.kurtosis) return false;
+    if (kurtosis < 0.62 * std::min(usual, 5.0)) return false;
+    if (usual < 5 && kurtosis > 1.7 * usual) return false;
   }
   return true;
 }

@@ -2,8 +2,12 @@
 // captures. What train captures show of it must then return in the captures held out.
 #pragma once
 
+#include <map>
+#include <optional>
+#include <string>
 #include <vector>
 
+#include "diagnose/hypotheses.h"
 #include "diagnose/rung.h"
 
 namespace binrig {
@@ -27,11 +31,37 @@ class UnitMap {
   /// Simulations to give to the constructor: a few units, all captures, targets where the rung has them.
   static std::vector<Trial> trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed);
 
+  /// What units change, whitened, from the same simulations.
+  static std::vector<Whitened> changes(const Rung& rung, const std::vector<StatVector>& without,
+                                       const std::vector<StatVector>& with);
+
   /// `train`, `test`: Explained::rest of either part. `only_segment`: what of the gain is in that; empty = all.
   Gain gain(const Whitened& train, const Whitened& test, const std::string& only_segment = "") const;
+
+  /// Mean squares of a map's discrete cosine transform in rings of frequency: nearly independent, if the map is a
+  /// stationary random one, and with no leakage from what does not close at the image's border.
+  struct Spectrum {
+    std::vector<double> power;
+    double kurtosis = 3;  ///< of the map's values
+  };
+  /// How the map estimated from a residual is matched by the spectrum of simulated units.
+  struct Match {
+    double log_scale = 0;       ///< logarithm of its power over theirs, the most likely one
+    double log_likelihood = 0;  ///< at that (Whittle)
+    std::vector<double> slope;  ///< by ring, of log(expected power) with log_scale
+    double misfit = 0;          ///< what rings are away from it: chi-square of as many degrees of freedom as rings
+  };
+  /// The segment in which an unknown map explains most of a residual (all captures); none if it explains nothing.
+  std::optional<int> strongest(const Whitened& rest) const;
+  /// Of what units change, whichever it was learned from.
+  Spectrum spectrum_of_units(int segment, const std::vector<Whitened>& change) const;
+  Match match(int segment, const Whitened& rest, const Spectrum& units) const;
+  /// Number of cosines in each ring.
+  std::vector<double> modes(int segment) const;
+
   /// Is the map estimated from a residual (all captures) like those of simulated units, by the distribution of its
-  /// values and by how adjacent cells go together? A step or a wave is no random map, a spot is no scatter of dead
-  /// pixels.
+  /// values and by its spectrum, whatever its strength? A step or a wave is no random map, a spot is no scatter of dead
+  /// pixels, and rings or a spiral have a scale of their own.
   bool looks_random(const Whitened& rest) const;
 
  private:
@@ -44,9 +74,9 @@ class UnitMap {
     std::string name;
     int cells = 0, cols = 0;
     std::vector<Loading> loadings;
-    double noise = 1;      // mean square
-    double kurtosis = 3;   // of simulated maps
-    double neighbour = 0;  // correlation of adjacent cells, of simulated maps
+    double noise = 1;                 // mean square
+    std::vector<double> noise_power;  // of a map, by ring, where there is none
+    Spectrum spectrum;
   };
   /// Estimates of a map, cell by cell; 0 where nothing is known. `noise`: what chance adds to the sum of their squares.
   std::vector<double> map_of(const Segment& segment, const Whitened& rest, double& noise) const;
@@ -54,7 +84,23 @@ class UnitMap {
   void sums(const Segment& segment, int cell, const Whitened& rest, bool train, double& b, double& g) const;
 
   std::vector<float> spread_;
+  Metric train_, test_;
   std::vector<Segment> segments_;
 };
+
+/// Parameters of an effect that draws a map, by what the map looks like: its typical unit moves nothing that could be
+/// fitted.
+struct UnitMapFit {
+  std::map<std::string, double> values;
+  std::map<std::string, double> deviation;  ///< of the logarithms of those that were fitted, standard deviations
+  UnitMap map;                              ///< learned at these values
+};
+/// Begins with `values`. The parameters' likelihood is that of the map's spectrum (Whittle: rings of cosines with
+/// exponentially distributed squares, noise's part known) under units simulated at them: the strength is solved for,
+/// the others (magnitudes) are sought over their typical ranges. `without` as for UnitMap. The
+/// result's values are those given where no segment shows a map.
+UnitMapFit fit_unit_map(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
+                        const std::map<std::string, double>& values, const std::vector<StatVector>& without,
+                        std::uint64_t seed);
 
 }  // namespace binrig

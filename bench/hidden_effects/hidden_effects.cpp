@@ -52,12 +52,12 @@ int run(int argc, char** argv) {
   app.add_option("--out", out, "file of results, one JSON line a recording; recordings in it are not done again")
       ->required();
   app.add_option("--summary", summary_out, "JSON of the summary");
-  app.add_option("--effects", plan.effects, "only these")->delimiter(',');
+  app.add_option("--effects", plan.effects, "only these; also such as the catalogue does not have")->delimiter(',');
   app.add_option("--strength", strengths, "weak, medium, strong")
       ->delimiter(',')
       ->check(CLI::IsMember({"weak", "medium", "strong"}));
   app.add_option("--seeds", plan.seeds, "recordings of each effect and strength");
-  app.add_option("--first", plan.first_seed, "of those, and of recordings with nothing hidden");
+  app.add_option("--first", plan.first_seed, "seed of all recordings");
   app.add_option("--none", plan.none, "recordings with nothing hidden");
   app.add_option("--pairs", plan.pairs, "recordings with two effects");
   app.add_option("--outside", plan.outside, "recordings with effects that the catalogue does not have");

@@ -39,11 +39,13 @@ std::vector<Case> cases_of(const Plan& plan) {
   std::vector<Case> cases;
   for (int seed = plan.first_seed; seed < plan.first_seed + plan.seeds; ++seed)
     for (const Strength strength : plan.strengths)
-      for (const std::string& name : names)
-        cases.push_back({"one", {name}, strength, static_cast<std::uint64_t>(seed)});
+      for (const std::string& name : names) {
+        const bool outside = std::find(outsiders.begin(), outsiders.end(), name) != outsiders.end();
+        cases.push_back({outside ? "outside" : "one", {name}, strength, static_cast<std::uint64_t>(seed)});
+      }
   for (int k = plan.first_seed; k < plan.first_seed + plan.none; ++k)
     cases.push_back({"none", {}, Strength::medium, static_cast<std::uint64_t>(k)});
-  for (int k = 0; k < plan.pairs; ++k) {
+  for (int k = plan.first_seed - 1; k < plan.first_seed - 1 + plan.pairs; ++k) {
     Dice dice(RandomStream(4711).child(static_cast<std::uint64_t>(k)));
     const auto a = static_cast<std::size_t>(dice.uniform() * names.size());
     auto b = static_cast<std::size_t>(dice.uniform() * (names.size() - 1));
@@ -54,7 +56,7 @@ std::vector<Case> cases_of(const Plan& plan) {
     cases.push_back({"outside",
                      {outsiders[k % outsiders.size()]},
                      Strength::medium,
-                     static_cast<std::uint64_t>(k / outsiders.size() + 1)});
+                     k / outsiders.size() + static_cast<std::uint64_t>(plan.first_seed)});
   return cases;
 }
 

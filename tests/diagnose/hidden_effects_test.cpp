@@ -1,6 +1,7 @@
 // The diagnosis asked about recordings whose truth is known: a small part of bench/hidden_effects.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <numbers>
 #include <regex>
 
@@ -8,6 +9,7 @@
 #include "core/progress.h"
 #include "diagnose/score.h"
 #include "diagnose/screen.h"
+#include "diagnose/unit_map.h"
 #include "sim/effect.h"
 #include "tests/support/recordings.h"
 
@@ -63,8 +65,9 @@ TEST_P(HiddenEffect, IsNamedFirst) {
   ASSERT_FALSE(diagnosis.candidates.empty()) << diagnosis.headline;
   EXPECT_EQ(diagnosis.candidates[0].effect, effect) << diagnosis.headline;
   // Scores are of a typical unit: they know nothing of a map, which was recognised on the captures held out.
-  if (!find_effect(effect)->declaration.per_unit_map)
+  if (!find_effect(effect)->declaration.per_unit_map) {
     EXPECT_LT(diagnosis.ladder[1].score.heldout, diagnosis.ladder[0].score.heldout);
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(OfTheCatalogue, HiddenEffect,
@@ -114,6 +117,29 @@ TEST(Screen, AStepAcrossALineIsFoundWithItsPlaceAndHeight) {
   EXPECT_NEAR(place, values["place"], 0.0625);
   // Poses lean into a step; how far is known to their prior only.
   EXPECT_NEAR(height, values["amplitude"], 0.2 * std::abs(values["amplitude"]));
+}
+
+TEST(UnitMap, LengthAndStrengthOfAHiddenPatternAreReadOffIt) {
+  const SceneForwardModel& forward = world().forward();
+  const auto truth = hidden::make_truth(forward, {"one", {"fixed_pattern_noise"}, Strength::medium, 2});
+  const Experiment experiment(forward, truth.start, world().cache);
+  std::vector<std::string> unreadable;
+  const Measurement measured = experiment.measure([&](int c, int i) { return truth.recording[c][i]; }, unreadable);
+  const auto motions =
+      scene_motions(experiment, truth.start, registration_prior(forward.set(), experiment.nominal(0).camera));
+  const Rung rung = fit_rung(experiment, motions, measured, truth.start, {}, {.simulations = 16, .passes = 1});
+  const Hypotheses all = make_hypotheses(forward, truth.start);
+  const auto pattern = std::find_if(all.tested.begin(), all.tested.end(),
+                                    [](const Hypothesis& h) { return h.effect == "fixed_pattern_noise"; });
+  ASSERT_NE(pattern, all.tested.end());
+  const auto without = experiment.simulate(UnitMap::trials_of(rung, rung.model, 7), "");
+  const UnitMapFit fit = fit_unit_map(experiment, rung, *pattern, pattern->paths[0].atoms[0].values, without, 7);
+  EXPECT_TRUE(fit.map.looks_random(rung.rest));
+  for (const auto& [name, value] : truth.hidden.at(0).values) {
+    ASSERT_TRUE(fit.deviation.count(name)) << name;
+    EXPECT_LT(fit.deviation.at(name), 0.3) << name;
+    EXPECT_NEAR(std::log(fit.values.at(name) / value), 0, 3 * fit.deviation.at(name)) << name << " " << value;
+  }
 }
 
 // A model cannot look better by becoming noisier: on the ladder's scale, whichever of the two models it is frozen at.

@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include <gtest/gtest.h>
-#include <opencv2/core/mat.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "core/random.h"
 
@@ -103,6 +103,58 @@ TEST(UnitMap, AStepOrAWaveIsNoRandomMap) {
     EXPECT_GT(map.gain(rest, rest).test, 100);  // it is fixed in the image
     EXPECT_FALSE(map.looks_random(rest));
   }
+}
+
+/// Noise through a Gaussian of `sigma_cells`, of unit variance.
+std::vector<float> smooth_map(std::uint64_t key, double sigma_cells) {
+  constexpr int margin = 8;
+  auto noise = normals((rows + 2 * margin) * (cols + 2 * margin), key);
+  cv::Mat field(rows + 2 * margin, cols + 2 * margin, CV_32F, noise.data());
+  cv::GaussianBlur(field, field, {}, sigma_cells);
+  const cv::Mat kernel = cv::getGaussianKernel(4 * margin + 1, sigma_cells);
+  const cv::Mat map = field(cv::Rect(margin, margin, cols, rows)) / kernel.dot(kernel);  // of the variance
+  std::vector<float> result;
+  for (int i = 0; i < cells; ++i) result.push_back(map.at<float>(i / cols, i % cols));
+  return result;
+}
+
+TEST(UnitMap, RingsAreNoSmoothRandomMap) {
+  // As strong and as coarse, in the same captures: what tells them apart is that rings have one scale.
+  const Stand stand;
+  std::vector<StatVector> without, with;
+  for (std::uint64_t k = 0; k < 4; ++k) {
+    without.push_back(StatVector(stand.layout.size, 0.f));
+    with.push_back(recording(smooth_map(500 + k, 1.2), 1, 0));
+  }
+  const UnitMap map(stand.layout, stand.rung, without, with);
+  for (const float strength : {0.7f, 1.5f})
+    EXPECT_TRUE(map.looks_random(stand.rest(recording(smooth_map(600, 1.2), strength, 9000)))) << strength;
+  std::vector<float> rings(cells);
+  for (int i = 0; i < cells; ++i)
+    rings[i] =
+        1.4f * std::cos(1.5f * std::hypot(static_cast<float>(i % cols) - 7.5f, static_cast<float>(i / cols) - 5.5f));
+  const Whitened rest = stand.rest(recording(rings, 1, 9000));
+  EXPECT_GT(map.gain(rest, rest).test, 100);  // it is fixed in the image
+  EXPECT_FALSE(map.looks_random(rest));
+}
+
+TEST(UnitMap, AMatchTellsHowStrongAMapIs) {
+  const Stand stand;
+  std::vector<StatVector> without, with;
+  for (std::uint64_t k = 0; k < 4; ++k) {
+    without.push_back(StatVector(stand.layout.size, 0.f));
+    with.push_back(recording(normals(cells, 700 + k), 0.5f, 0));
+  }
+  const UnitMap map(stand.layout, stand.rung, without, with);
+  const Whitened strong = stand.rest(recording(normals(cells, 800), 1, 9000));
+  const auto segment = map.strongest(strong);
+  ASSERT_TRUE(segment.has_value());
+  std::vector<Whitened> units;
+  for (const StatVector& one : with) units.push_back(stand.rung.standard.difference(one));
+  const UnitMap::Match match = map.match(*segment, strong, map.spectrum_of_units(*segment, units));
+  // Twice as strong, so four times the power. 192 cells know their mean square to sqrt(2/192) = 0.10, four units
+  // theirs to 0.05, compression takes some hundredths: three standard deviations.
+  EXPECT_NEAR(match.log_scale, std::log(4), 0.35);
 }
 
 TEST(UnitMap, ASpotIsNoScatterOfPixels) {

@@ -1,0 +1,404 @@
+#include "diagnose/descent.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <Eigen/Cholesky>
+
+#include "core/parallel.h"
+#include "diagnose/mean_of_simulations.h"
+#include "diagnose/trace.h"
+
+namespace binrig {
+
+namespace {
+
+constexpr double least_signal = 0.5;  // a segment of a derivative that is more than half noise is left out
+
+void set(SensorModel& model, const std::string& id, const std::string& name, double value) {
+  for (auto& effect : model.effects)
+    if (effect.id == id) effect.values[name].value = value;
+}
+
+SensorModel with_values(SensorModel model, const std::vector<FitParameter>& parameters, const Eigen::VectorXd& x) {
+  for (std::size_t p = 0; p < parameters.size(); ++p)
+    set(model, parameters[p].id, parameters[p].name, parameters[p].natural(x[static_cast<int>(p)]));
+  return model;
+}
+
+bool draws_map(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& id) {
+  const EffectInstance* instance = model.find(id);
+  return instance && instance->declaration(catalogue).per_unit_map;
+}
+
+std::vector<Whitened> differences_of(const Standard& standard, const std::vector<StatVector>& changes) {
+  std::vector<Whitened> result;
+  for (const StatVector& one : changes) result.push_back(standard.difference(one));
+  return result;
+}
+
+constexpr double pause_below = 4;  // data's information on a parameter, in units of its prior's, see Fit::paused
+
+/// Minimum of x'Mx/2 - b'x over |x| <= limit, element by element, by projected coordinate descent: a parameter that
+/// would go far stops at its limit without holding back the others.
+Eigen::VectorXd minimum_in_box(const Eigen::MatrixXd& m, const Eigen::VectorXd& b, const Eigen::VectorXd& lower,
+                               const Eigen::VectorXd& upper) {
+  const int n = static_cast<int>(b.size());
+  Eigen::VectorXd x = m.ldlt().solve(b);
+  if ((x.array() >= lower.array()).all() && (x.array() <= upper.array()).all()) return x;
+  x = x.cwiseMax(lower).cwiseMin(upper);
+  for (int sweep = 0; sweep < 500; ++sweep) {
+    double moved = 0;
+    for (int p = 0; p < n; ++p) {
+      const double next = std::clamp(x[p] + (b[p] - m.row(p).dot(x)) / m(p, p), lower[p], upper[p]);
+      moved = std::max(moved, std::abs(next - x[p]) / std::max(upper[p] - lower[p], 1e-12));
+      x[p] = next;
+    }
+    if (moved < 1e-6) break;
+  }
+  return x;
+}
+
+}  // namespace
+
+Descent::Descent(const Experiment& experiment, const Standard& standard, const Metric& metric, const Whitened& data,
+                 std::vector<FitParameter> parameters, const SensorModel& start, const std::vector<Offset>& offsets,
+                 const FitOptions& options)
+    : experiment_(experiment),
+      standard_(standard),
+      metric_(metric),
+      data_(data),
+      options_(options),
+      parameters_(std::move(parameters)),
+      n_(static_cast<int>(parameters_.size())) {
+  now_.model = start;
+  now_.offsets = offsets;
+  now_.place = options_.place;
+  now_ = evaluate(values_of_model());
+}
+
+Eigen::VectorXd Descent::values_of_model() const {
+  Eigen::VectorXd value(n_);
+  for (int p = 0; p < n_; ++p)
+    value[p] = parameters_[p].scaled(now_.model.find(parameters_[p].id)->value(parameters_[p].name));
+  return value;
+}
+
+FitState Descent::evaluate(const Eigen::VectorXd& value) const {
+  return evaluate(with_values(now_.model, parameters_, value), value);
+}
+
+FitState Descent::evaluate(const std::string& id, const std::string& name, double value) const {
+  SensorModel model = now_.model;
+  set(model, id, name, value);
+  return evaluate(model, now_.value);
+}
+
+void Descent::also_fit(const std::vector<FitParameter>& more) {
+  parameters_.insert(parameters_.end(), more.begin(), more.end());
+  n_ = static_cast<int>(parameters_.size());
+  now_ = evaluate(now_.model, values_of_model());  // with their priors
+}
+
+double Descent::touched_share(int p) const {
+  if (p >= static_cast<int>(touched_.size()) || !touched_[p]) return 1;
+  return static_cast<double>(touched_[p]->captures.size()) / experiment_.layout().captures;
+}
+
+Fit Descent::result() && {
+  fit_.parameters = std::move(parameters_);
+  fit_.model = std::move(now_.model);
+  fit_.value = std::move(now_.value);
+  fit_.offsets = std::move(now_.offsets);
+  fit_.place = std::move(now_.place);
+  fit_.residual = std::move(now_.residual);
+  fit_.chi = now_.chi;
+  return std::move(fit_);
+}
+
+Trial Descent::trial(const SensorModel& model, const std::vector<Offset>& offsets, int k) const {
+  return {model,
+          offsets,
+          options_.seed + static_cast<std::uint64_t>(k),
+          options_.part,
+          options_.most_frames,
+          options_.shorten_series};
+}
+
+FitState Descent::evaluate(const SensorModel& model, const Eigen::VectorXd& x) const {
+  FitState state;
+  state.model = model;
+  state.value = x;
+  state.offsets = now_.offsets;
+  state.place = now_.place;
+  Explained explained = explain(state);
+  for (int round = 0; round < 3 && moved(explained, state); ++round) explained = explain(state);
+  state.residual = std::move(explained.rest);
+  const auto known = std::count_if(state.residual.begin(), state.residual.end(), [](float v) { return v != 0; });
+  state.dispersion = std::max(1.0, explained.chi / std::max<double>(1, static_cast<double>(known)));
+  state.chi = explained.chi;
+  for (int p = 0; p < n_; ++p)
+    if (!parameters_[p].circular)
+      state.chi += std::pow((x[p] - parameters_[p].prior_centre) / parameters_[p].prior_sigma, 2);
+  return state;
+}
+
+/// Simulates where the state says that targets stand.
+Explained Descent::explain(FitState& state) const {
+  std::vector<Trial> trials;
+  for (int k = 0; k < options_.seeds; ++k) trials.push_back(trial(state.model, state.offsets, k));
+  MeanOfSimulations mean =
+      mean_of(standard_, simulate_typical_units(experiment_, trials, "fitting parameters", &state.simulations));
+  Whitened difference = data_;
+  for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= mean.mean[i];
+  state.noise = std::move(mean.noise);
+  return metric_.explain(difference, state.place, {}, state.noise);
+}
+
+/// Moves the targets of a state to where they want to be; false if they stand there.
+bool Descent::moved(const Explained& explained, FitState& state) const {
+  constexpr double near_enough = 1;  // prior sigmas
+  if (!options_.motions || state.place.size() < options_.motions->size()) return false;
+  const std::size_t count = options_.motions->size();
+  std::vector<double> values(state.place.begin(), state.place.begin() + static_cast<long>(count));
+  double furthest = 0;
+  for (std::size_t m = 0; m < count; ++m) {
+    if (explained.values[m] == 0) continue;  // of a capture that does not count
+    furthest = std::max(furthest, std::abs(explained.values[m] - values[m]));
+    values[m] = explained.values[m];
+  }
+  if (furthest < near_enough) return false;
+  auto offsets = offsets_of(experiment_.layout(), *options_.motions, values, {});
+  const auto reached = values_of(*options_.motions, offsets);
+  double step = 0;
+  for (std::size_t m = 0; m < count; ++m) step = std::max(step, std::abs(reached[m] - state.place[m]));
+  if (step < near_enough) return false;  // what is no small motion was clipped
+  state.offsets = std::move(offsets);
+  std::copy(reached.begin(), reached.end(), state.place.begin());
+  return true;
+}
+
+/// Where a derivative is taken to: inwards of the bounds.
+double Descent::derivative_step(int p) const {
+  const FitParameter& parameter = parameters_[p];
+  const double ahead = parameter.natural(now_.value[p] + parameter.step);
+  const bool outside = !parameter.circular && std::abs(parameter.scaled(ahead) - now_.value[p]) < 0.5 * parameter.step;
+  return outside ? -parameter.step : parameter.step;
+}
+
+std::vector<int> Descent::changed_captures(const StatVector& a, const StatVector& b) const {
+  std::vector<int> captures;
+  for (const Block& block : experiment_.layout().blocks) {
+    if (!captures.empty() && captures.back() == block.capture) continue;
+    for (int i = block.offset; i < block.offset + block.size; ++i)
+      if (a[i] != b[i] && !(std::isnan(a[i]) && std::isnan(b[i]))) {
+        captures.push_back(block.capture);
+        break;
+      }
+  }
+  return captures;
+}
+
+/// Simulations of all seeds with one parameter a step ahead, by parameter. Many parameters move nothing in most
+/// captures (a threshold for highlights on planes): where the first seed shows no change, no other is simulated, and
+/// none later while the parameter stays near.
+std::vector<std::vector<StatVector>> Descent::simulate_ahead(const std::vector<int>& moved) {
+  touched_.resize(n_);
+  std::vector<std::vector<StatVector>> ahead(n_);
+  const auto simulate = [&](bool asked_before, int seeds) {
+    std::vector<Trial> trials;
+    std::vector<std::pair<int, int>> of;  // parameter, seed
+    for (const int p : moved) {
+      if (touched_[p].has_value() != asked_before || (asked_before && touched_[p]->captures.empty())) continue;
+      Eigen::VectorXd x = now_.value;
+      x[p] += derivative_step(p);
+      for (int k = static_cast<int>(ahead[p].size()); k < seeds; ++k) {
+        trials.push_back(trial(with_values(now_.model, parameters_, x), now_.offsets, k));
+        if (asked_before) trials.back().only = touched_[p]->captures;
+        of.emplace_back(p, k);
+      }
+    }
+    auto results = experiment_.simulate(trials, "fitting parameters");
+    for (std::size_t t = 0; t < trials.size(); ++t) {
+      const auto [p, k] = of[t];
+      if (asked_before) stay_elsewhere(results[t], now_.simulations[k], trials[t].only);
+      ahead[p].push_back(std::move(results[t]));
+    }
+  };
+  for (const int p : moved)
+    if (touched_[p] && std::abs(touched_[p]->value - now_.value[p]) > parameters_[p].longest) touched_[p].reset();
+  simulate(false, 1);
+  for (const int p : moved)
+    if (!touched_[p]) touched_[p] = Touched{now_.value[p], changed_captures(ahead[p][0], now_.simulations[0])};
+  simulate(true, options_.seeds);
+  for (const int p : moved)
+    for (int k = static_cast<int>(ahead[p].size()); k < options_.seeds; ++k) ahead[p].push_back(now_.simulations[k]);
+  return ahead;
+}
+
+/// In captures that were not simulated.
+void Descent::stay_elsewhere(StatVector& result, const StatVector& as_it_is, const std::vector<int>& simulated) const {
+  for (const Block& block : experiment_.layout().blocks)
+    if (std::find(simulated.begin(), simulated.end(), block.capture) == simulated.end())
+      std::copy_n(as_it_is.begin() + block.offset, block.size, result.begin() + block.offset);
+}
+
+void Descent::simulate_slopes() {
+  fit_.slopes.resize(n_, Whitened(experiment_.layout().size, 0.f));
+  fit_.seed_slopes.resize(n_);
+  std::vector<int> moved;
+  for (int p = 0; p < n_; ++p)
+    if (!fit_.paused[p]) moved.push_back(p);
+  auto simulated = simulate_ahead(moved);
+  parallel_for(static_cast<int>(moved.size()), [&](int m) {
+    const float step = static_cast<float>(derivative_step(moved[m]));
+    std::vector<StatVector>& changes = simulated[moved[m]];
+    for (int k = 0; k < options_.seeds; ++k)
+      for (std::size_t i = 0; i < changes[k].size(); ++i)
+        changes[k][i] = (changes[k][i] - now_.simulations[k][i]) / step;
+    // Where nothing is known nothing changes: beside neighbours that all move along, that would be a trace.
+    fill_unknown(experiment_.layout(), changes, true);
+    std::vector<Whitened> differences = differences_of(standard_, changes);
+    if (draws_map(now_.model, experiment_.forward().catalogue(), parameters_[moved[m]].id))
+      for (Whitened& d : differences) forget_bias(d);  // of the typical unit it stays where it is
+    const Whitened& mean = fit_.slopes[moved[m]] =
+        shrunk(experiment_.layout(), mean_over_seeds(experiment_.layout(), differences), least_signal);
+    for (Whitened& d : differences)
+      for (std::size_t i = 0; i < d.size(); ++i)
+        if (mean[i] == 0) d[i] = 0;
+    fit_.seed_slopes[moved[m]] = std::move(differences);
+  });
+}
+
+void Descent::forget_bias(Whitened& change) const {
+  for (const Block& block : experiment_.layout().blocks)
+    if (segments()[block.segment].name == "bias") std::fill_n(change.begin() + block.offset, block.size, 0.f);
+}
+
+/// Normal equations of the next step. A simulation that scatters more has derivatives that scatter along, so that
+/// those of each seed are only held against what the other seeds leave of the data.
+void Descent::linearise(Eigen::MatrixXd& a, Eigen::VectorXd& b) {
+  const int seeds = options_.seeds;
+  const Pull pull(now_.residual);
+  std::vector<Whitened> left(seeds, pull.direct());
+  if (seeds > 1)
+    parallel_for(seeds, [&](int k) {
+      const Whitened own = metric_.apply(now_.noise[k]);
+      const float others = std::sqrt(seeds / (seeds - 1.f));
+      for (std::size_t i = 0; i < own.size(); ++i) left[k][i] += others * own[i];
+    });
+  SeedSlopes freed(n_), curved(n_);
+  b = Eigen::VectorXd::Zero(n_);
+  parallel_for(n_, [&](int p) {
+    const auto& slopes = fit_.seed_slopes[p];
+    for (std::size_t k = 0; k < slopes.size(); ++k) {
+      freed[p].push_back(metric_.apply(slopes[k]));
+      curved[p].push_back(pull.curved(slopes[k], freed[p][k]));
+      b[p] += pull.along(left[k], slopes[k], freed[p][k]) / seeds;
+    }
+  });
+  const Eigen::MatrixXd together = products_of_means(curved, freed);
+  Eigen::VectorXd scale(n_);
+  for (int p = 0; p < n_; ++p) scale[p] = parameters_[p].prior_sigma;
+  a = seeds > 1 ? positive_products(unbiased_products(curved, freed), together, scale) : together;
+  for (int p = 0; p < n_; ++p) {
+    const double precision = parameters_[p].circular ? 0.01 : 1 / std::pow(parameters_[p].prior_sigma, 2);
+    if (a(p, p) < pause_below * precision) fit_.paused[p] = true;
+    if (parameters_[p].narrow && a(p, p) > 0)  // ten standard deviations
+      parameters_[p].step = std::clamp(10 / std::sqrt(a(p, p)), parameters_[p].step / 5, parameters_[p].step * 2);
+    a(p, p) += precision;
+    if (!parameters_[p].circular) b[p] -= precision * (now_.value[p] - parameters_[p].prior_centre);
+  }
+  fit_.precision = a;
+}
+
+/// How far parameters may go in one step.
+void Descent::box(Eigen::VectorXd& lower, Eigen::VectorXd& upper) const {
+  lower.resize(n_);
+  upper.resize(n_);
+  for (int p = 0; p < n_; ++p) {
+    const FitParameter& parameter = parameters_[p];
+    lower[p] = -parameter.longest;
+    upper[p] = parameter.longest;
+    if (parameter.circular) continue;
+    lower[p] = std::max(lower[p], std::min(0.0, parameter.scaled(parameter.lower) - now_.value[p]));
+    upper[p] = std::min(upper[p], std::max(0.0, parameter.scaled(parameter.upper) - now_.value[p]));
+    // A magnitude that falls to zero at once stays there: its derivative is zero, too.
+    if (!parameter.logarithmic && parameter.lower >= 0 && now_.value[p] > 0)
+      lower[p] = std::max(lower[p], -0.5 * now_.value[p]);
+  }
+}
+
+Eigen::VectorXd Descent::within_bounds(Eigen::VectorXd x) const {
+  for (int p = 0; p < n_; ++p)
+    if (!parameters_[p].circular) x[p] = parameters_[p].scaled(parameters_[p].natural(x[p]));
+  return x;
+}
+
+double Descent::stretch(const Eigen::VectorXd& from) {
+  const double chi = now_.chi;
+  for (;;) {
+    const Eigen::VectorXd x = within_bounds(now_.value + (now_.value - from));
+    if (x == now_.value) break;
+    FitState next = evaluate(x);
+    if (next.chi > now_.chi - least_gain) break;
+    now_ = std::move(next);
+  }
+  return chi - now_.chi;
+}
+
+void Descent::run() {
+  fit_.paused = options_.paused;
+  fit_.paused.resize(n_, false);
+  if (n_ == 0) {
+    fit_.converged = true;
+    return;
+  }
+  double damping = 1e-3;
+  const bool given = options_.nearby && static_cast<int>(options_.nearby->slopes.size()) == n_;
+  bool stale = !given;
+  if (given) fit_.slopes = options_.nearby->slopes, fit_.seed_slopes = options_.nearby->seed_slopes;
+  for (int simulated_slopes = 0;; ++fit_.rounds) {
+    if (stale && simulated_slopes >= std::max(options_.iterations, given ? 0 : 1)) return;
+    if (stale) simulate_slopes(), ++simulated_slopes;
+    const bool fresh = stale;
+    Eigen::MatrixXd a;
+    Eigen::VectorXd b, lower, upper;
+    linearise(a, b);
+    if (options_.iterations == 0 && !given) return;
+    box(lower, upper);
+    const double enough = options_.converged * now_.dispersion;
+    double gained = 0, promised = 0;
+    const Eigen::VectorXd from = now_.value;
+    const int attempts = fresh ? 5 : options_.iterations == 0 ? 3 : 1;
+    for (int attempt = 0; attempt < attempts && gained == 0; ++attempt) {
+      Eigen::MatrixXd damped = a;
+      damped.diagonal() *= 1 + damping;
+      const Eigen::VectorXd delta = minimum_in_box(damped, b, lower, upper);
+      promised = delta.dot(2 * b - a * delta);
+      if (promised < 0.5 * enough) break;
+      FitState next = evaluate(from + delta);
+      if (next.chi < now_.chi) {
+        gained = now_.chi - next.chi;
+        now_ = std::move(next);
+        damping = std::max(1e-4, damping / 5);
+      } else {
+        damping = std::max(0.01, 10 * damping);
+      }
+    }
+    if (gained > 2 * promised) gained += stretch(from);
+    if (tracing())
+      fmt::print(stderr, "  round {} {} chi {:.0f} dispersion {:.2f} promised {:.1f} gained {:.1f} captures {}\n",
+                 fit_.rounds, fresh ? "fresh" : "kept", now_.chi, now_.dispersion, promised, gained,
+                 experiment_.simulated());
+    if (gained < enough && fresh) {
+      fit_.converged = true;
+      return;
+    }
+    // Slopes of far away lead into the wrong one of two valleys: they are only kept near the end.
+    stale = gained < enough || gained < 0.5 * promised || gained > 0.01 * now_.chi;
+  }
+}
+
+}  // namespace binrig

@@ -1,0 +1,87 @@
+// Where a fit stands, and how it goes down from there: damped Gauss-Newton steps on derivatives by simulation.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "diagnose/fit.h"
+
+namespace binrig {
+
+/// A model, where the targets want to be with it, and what that leaves of the data.
+struct FitState {
+  SensorModel model;
+  Eigen::VectorXd value;  ///< of the fitted parameters, on the scale of the fit
+  std::vector<Offset> offsets;
+  std::vector<double> place;
+  std::vector<StatVector> simulations;  ///< one a seed
+  std::vector<Whitened> noise;          ///< of their mean, see MeanOfSimulations
+  Whitened residual;
+  double chi = 0;         ///< Fit::chi
+  double dispersion = 1;  ///< chi by known statistic, at least 1
+};
+
+constexpr double least_gain = 1;  ///< of chi, for which a value is taken
+
+/// Walks the parameters of one fit. What is given to the constructor must outlive it.
+class Descent {
+ public:
+  /// Stands at `start` with the targets at `offsets`.
+  Descent(const Experiment& experiment, const Standard& standard, const Metric& metric, const Whitened& data,
+          std::vector<FitParameter> parameters, const SensorModel& start, const std::vector<Offset>& offsets,
+          const FitOptions& options);
+
+  const FitState& now() const { return now_; }
+  const std::vector<FitParameter>& parameters() const { return parameters_; }
+
+  /// What other values of the fitted parameters leave of the data, with targets that went along from where they stand.
+  FitState evaluate(const Eigen::VectorXd& value) const;
+  /// The same of one that is not fitted; `value` is in its own unit.
+  FitState evaluate(const std::string& id, const std::string& name, double value) const;
+  void move_to(FitState state) { now_ = std::move(state); }
+  /// Fits these, too, from what the model has.
+  void also_fit(const std::vector<FitParameter>& more);
+  Eigen::VectorXd within_bounds(Eigen::VectorXd value) const;
+  /// Share of the captures in which a parameter changed anything; 1 where that was not asked.
+  double touched_share(int parameter) const;
+
+  /// Goes down until chi falls by less than FitOptions::converged.
+  void run();
+  /// What was found; the walk is over.
+  Fit result() &&;
+
+ private:
+  /// Captures in which a parameter changed anything when it was asked at `value`.
+  struct Touched {
+    double value = 0;
+    std::vector<int> captures;
+  };
+
+  FitState evaluate(const SensorModel& model, const Eigen::VectorXd& value) const;
+  Eigen::VectorXd values_of_model() const;
+  Trial trial(const SensorModel& model, const std::vector<Offset>& offsets, int seed) const;
+  Explained explain(FitState& state) const;
+  bool moved(const Explained& explained, FitState& state) const;
+  double derivative_step(int parameter) const;
+  std::vector<int> changed_captures(const StatVector& a, const StatVector& b) const;
+  std::vector<std::vector<StatVector>> simulate_ahead(const std::vector<int>& moved);
+  void stay_elsewhere(StatVector& result, const StatVector& as_it_is, const std::vector<int>& simulated) const;
+  void simulate_slopes();
+  void forget_bias(Whitened& change) const;
+  void linearise(Eigen::MatrixXd& a, Eigen::VectorXd& b);
+  void box(Eigen::VectorXd& lower, Eigen::VectorXd& upper) const;
+  double stretch(const Eigen::VectorXd& from);
+
+  const Experiment& experiment_;
+  const Standard& standard_;
+  const Metric& metric_;
+  const Whitened& data_;
+  const FitOptions& options_;
+  std::vector<FitParameter> parameters_;
+  int n_;  // parameters
+  FitState now_;
+  Fit fit_;                                      // slopes, precision and what was paused
+  std::vector<std::optional<Touched>> touched_;  // by parameter
+};
+
+}  // namespace binrig

@@ -1,0 +1,151 @@
+// Which strength and which texture a unit's map has (diagnose/unit_map.h).
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Cholesky>
+
+#include "diagnose/unit_map.h"
+
+namespace binrig {
+namespace {
+
+constexpr int places = 5;  // over a typical range
+
+class MapFitter {
+ public:
+  MapFitter(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
+            const std::map<std::string, double>& values, const std::vector<StatVector>& without, std::uint64_t seed)
+      : experiment_(experiment),
+        rung_(rung),
+        hypothesis_(hypothesis),
+        without_(without),
+        seed_(seed),
+        fit_{values, {}, learned_at(values)} {}
+
+  UnitMapFit run() {
+    const auto segment = fit_.map.strongest(rung_.rest);
+    const ParameterSpec* amplitude = hypothesis_.declaration->parameter(hypothesis_.declaration->amplitude);
+    if (!segment || !amplitude) return std::move(fit_);
+    segment_ = *segment;
+    modes_ = fit_.map.modes(segment_);
+    std::vector<std::string> names;
+    std::vector<std::vector<double>> slopes;  // of log(expected power), by parameter and ring
+    for (const ParameterSpec& spec : hypothesis_.declaration->parameters)
+      if (&spec != amplitude && spec.kind == ParameterKind::continuous && !spec.either_sign && spec.typical_low > 0) {
+        slopes.push_back(seek(spec));
+        names.push_back(spec.name);
+      }
+    slopes.push_back(solve_for_strength(*amplitude));
+    names.push_back(amplitude->name);
+    write_deviations(names, slopes);
+    fit_.map = learned_at(fit_.values);
+    return std::move(fit_);
+  }
+
+ private:
+  std::vector<StatVector> units_at(const std::map<std::string, double>& values) const {
+    const SensorModel model = with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis_.effect, values);
+    return experiment_.simulate(UnitMap::trials_of(rung_, model, seed_), "simulating units");
+  }
+
+  UnitMap learned_at(const std::map<std::string, double>& values) const {
+    return UnitMap(experiment_.layout(), rung_, without_, units_at(values));
+  }
+
+  struct Try {
+    UnitMap::Spectrum units;
+    UnitMap::Match match;
+  };
+  Try try_at(const std::map<std::string, double>& values) const {
+    Try result;
+    result.units = fit_.map.spectrum_of_units(segment_, UnitMap::changes(rung_, without_, units_at(values)));
+    result.match = fit_.map.match(segment_, rung_.rest, result.units);
+    return result;
+  }
+
+  /// Finds a parameter's most likely value, whatever the strength: the typical range, then halfway to either side, then
+  /// the parabola through three. Returns how the logarithm of the expected power changes with the parameter's.
+  std::vector<double> seek(const ParameterSpec& spec) {
+    double step = std::log(spec.typical_high / spec.typical_low) / (places - 1);
+    const auto at = [&](double log_value) {
+      auto values = fit_.values;
+      values[spec.name] = std::clamp(std::exp(log_value), spec.lower, spec.upper);
+      return try_at(values);
+    };
+    std::map<double, Try> tried;
+    for (int k = 0; k < places; ++k) {
+      const double x = std::log(spec.typical_low) + k * step;
+      tried[x] = at(x);
+    }
+    const auto best = [&] {
+      return std::max_element(tried.begin(), tried.end(),
+                              [](const auto& a, const auto& b) {
+                                return a.second.match.log_likelihood < b.second.match.log_likelihood;
+                              })
+          ->first;
+    };
+    step /= 2;
+    const double middle = best();
+    for (const double x : {middle - step, middle + step}) tried[x] = at(x);
+    const double x = best();
+    for (const double side : {x - step, x + step})
+      if (!tried.count(side)) tried[side] = at(side);
+    const Try &low = tried[x - step], &here = tried[x], &high = tried[x + step];
+    const double below = low.match.log_likelihood, above = high.match.log_likelihood;
+    const double bend = below - 2 * here.match.log_likelihood + above;
+    const double found = bend < 0 ? x + step * std::clamp(0.5 * (below - above) / bend, -0.5, 0.5) : x;
+    fit_.values[spec.name] = std::clamp(std::exp(found), spec.lower, spec.upper);
+    std::vector<double> slope;
+    for (std::size_t r = 0; r < modes_.size(); ++r)
+      slope.push_back(here.match.slope[r] * std::log(high.units.power[r] / low.units.power[r]) / (2 * step));
+    return slope;
+  }
+
+  /// How the power grows with the strength is found by simulating at another one.
+  std::vector<double> solve_for_strength(const ParameterSpec& amplitude) {
+    double exponent = 2;  // of what is proportional to it
+    double& value = fit_.values[amplitude.name];
+    UnitMap::Match match = try_at(fit_.values).match;
+    for (int round = 0; round < 2; ++round) {
+      const double before = value, log_scale = match.log_scale;
+      value = std::clamp(before * std::exp(log_scale / exponent), amplitude.lower, amplitude.upper);
+      match = try_at(fit_.values).match;
+      const double moved = std::log(value / before);
+      if (std::abs(moved) > 0.2) exponent = std::clamp((log_scale - match.log_scale) / moved, 0.5, 4.0);
+    }
+    for (double& slope : match.slope) slope *= exponent;
+    return match.slope;
+  }
+
+  /// Fisher's information of rings of cosines; the units that are compared with are few, too.
+  void write_deviations(const std::vector<std::string>& names, const std::vector<std::vector<double>>& slopes) {
+    const int n = static_cast<int>(names.size());
+    Eigen::MatrixXd information = 1e-2 * Eigen::MatrixXd::Identity(n, n);
+    for (int a = 0; a < n; ++a)
+      for (int b = 0; b < n; ++b)
+        for (std::size_t r = 0; r < modes_.size(); ++r)
+          information(a, b) += modes_[r] / 2 * slopes[a][r] * slopes[b][r];
+    const Eigen::MatrixXd covariance =
+        (1 + 1.0 / static_cast<double>(without_.size())) * information.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+    for (int a = 0; a < n; ++a) fit_.deviation[names[a]] = std::sqrt(std::max(0.0, covariance(a, a)));
+  }
+
+  const Experiment& experiment_;
+  const Rung& rung_;
+  const Hypothesis& hypothesis_;
+  const std::vector<StatVector>& without_;
+  const std::uint64_t seed_;
+  UnitMapFit fit_;
+  int segment_ = 0;
+  std::vector<double> modes_;
+};
+
+}  // namespace
+
+UnitMapFit fit_unit_map(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
+                        const std::map<std::string, double>& values, const std::vector<StatVector>& without,
+                        std::uint64_t seed) {
+  return MapFitter(experiment, rung, hypothesis, values, without, seed).run();
+}
+
+}  // namespace binrig
