@@ -74,7 +74,7 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
     anew.id = add_effect(model, catalogue, hypothesis.effect, values).id;
     FitOptions options;
     options.most_frames = frames;
-    options.iterations = 4;
+    options.iterations = 12;
     options.converged = 20;
     options.seed = seed;
     options.scan_ids = {anew.id};

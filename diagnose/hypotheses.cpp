@@ -38,6 +38,17 @@ std::vector<double> amplitudes(const EffectDeclaration& effect, const ParameterS
 
 bool is_discrete(const ParameterSpec& spec) { return !spec.interpolate || spec.kind == ParameterKind::integer; }
 
+/// Two parameters that each value stands for itself in are a place in the image; else none.
+std::vector<const ParameterSpec*> place_of(const EffectDeclaration& effect) {
+  std::vector<const ParameterSpec*> place;
+  for (const auto& spec : effect.parameters)
+    if (spec.name != effect.amplitude && spec.either_sign && is_discrete(spec)) place.push_back(&spec);
+  if (place.size() != 2) place.clear();
+  return place;
+}
+
+constexpr double columns_apart = 0.32, rows_apart = 0.3;  // of a grid of places, of half the image's width
+
 Hypothesis make(const EffectDeclaration& effect) {
   Hypothesis hypothesis{effect.name, &effect, {}};
   const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
@@ -64,18 +75,15 @@ Hypothesis make(const EffectDeclaration& effect) {
       detail.push_back(!is_discrete(spec));  // of periods and places, each value is another trace
     }
   }
-  // Two parameters that each value stands for itself in are a place: a grid of places, so close that a strong atom on
-  // each leaves no gap.
-  std::vector<const ParameterSpec*> place;
-  for (const auto& spec : effect.parameters)
-    if (&spec != amplitude && spec.either_sign && is_discrete(spec)) place.push_back(&spec);
+  // A grid of places, so close that a strong atom on each leaves no gap.
+  const auto place = place_of(effect);
   const std::size_t first_place = shapes.size();
-  if (place.size() == 2)
+  if (!place.empty())
     for (int row = 0; row < 5; ++row)
       for (int col = 0; col < 6; ++col) {
         auto shape = initial;
-        shape[place[0]->name] = clip(*place[0], (-0.8 + 0.32 * col) * place[0]->typical_high);
-        shape[place[1]->name] = clip(*place[1], (-0.6 + 0.3 * row) * place[1]->typical_high);
+        shape[place[0]->name] = clip(*place[0], (-0.8 + columns_apart * col) * place[0]->typical_high);
+        shape[place[1]->name] = clip(*place[1], (-0.6 + rows_apart * row) * place[1]->typical_high);
         shapes.push_back(shape);
       }
   detail.resize(shapes.size(), false);
@@ -153,6 +161,35 @@ Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, d
       result.paths.push_back(path);
     }
   }
+  return result;
+}
+
+bool has_place(const EffectDeclaration& effect) { return !place_of(effect).empty(); }
+
+Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, double>& values) {
+  constexpr int steps = 3;  // to either side of the grid's place, as far as the next one
+  const EffectDeclaration& effect = *hypothesis.declaration;
+  const auto place = place_of(effect);
+  const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
+  Hypothesis result{hypothesis.effect, &effect, {}};
+  if (place.empty() || !amplitude) return result;
+  for (int row = -steps; row <= steps; ++row)
+    for (int col = -steps; col <= steps; ++col) {
+      StrengthPath path;
+      path.one_of_many = true;
+      for (const Strength strength : {Strength::weak, Strength::medium, Strength::strong}) {
+        Atom atom{values};
+        const auto moved = [&](int axis, double by) {
+          const ParameterSpec& spec = *place[axis];
+          atom.values[spec.name] = clip(spec, values.at(spec.name) + by / steps * spec.typical_high);
+        };
+        moved(0, col * columns_apart);
+        moved(1, row * rows_apart);
+        atom.values[amplitude->name] = clip(*amplitude, strength_value(effect, strength));
+        path.atoms.push_back(atom);
+      }
+      result.paths.push_back(path);
+    }
   return result;
 }
 

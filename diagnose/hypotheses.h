@@ -49,7 +49,12 @@ struct Hypotheses {
 /// that neighbours differ by one period across an image of `cols`; all else as in `values`, at medium strength. No
 /// paths if it has no phase or no period.
 Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols);
-/// How far apart these are near a value, relative to it.
+/// True if an effect has a place in the image: two parameters of either sign of which each value is another trace.
+bool has_place(const EffectDeclaration& effect);
+/// The hypothesis with its place close together around that of `values`, as far as the next one of the grid, each at
+/// three strengths. No paths if it has none.
+Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, double>& values);
+/// How far apart periods of by_period are near a value, relative to it.
 double period_spacing(const ParameterSpec& period, double value, int cols);
 
 Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model);

@@ -58,12 +58,14 @@ void add_power(const Layout& layout, const Whitened& change, std::vector<double>
       power[block.capture] += static_cast<double>(change[i]) * change[i];
 }
 
-LinearGain with_period(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start,
-                       const std::vector<Signature>& signatures) {
+LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start,
+                         const std::vector<Signature>& signatures) {
   const Experiment& experiment = refiner.experiment;
   const Rung& rung = refiner.rung;
   Hypotheses close;
-  close.tested.push_back(by_period(hypothesis, start.values, experiment.nominal(0).depth_mm.cols));
+  close.tested.push_back(has_place(*hypothesis.declaration)
+                             ? by_place(hypothesis, start.values)
+                             : by_period(hypothesis, start.values, experiment.nominal(0).depth_mm.cols));
   if (close.tested[0].paths.empty()) return start;
   std::vector<double> power(experiment.layout().captures, 0);
   for (const Signature& signature : signatures)

@@ -33,10 +33,11 @@ Remainder registered_remainder(const Refiner& refiner, const SensorModel& model)
 /// Square of a change by capture, added to what is there.
 void add_power(const Layout& layout, const Whitened& change, std::vector<double>& power);
 
-/// Where a hypothesis has a period and a phase, its best ones: what the signatures say of them is of a few periods
-/// only. Simulated are the captures in which its signatures change most. Else, and where nothing is better, the start.
-LinearGain with_period(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start,
-                       const std::vector<Signature>& signatures);
+/// Where a hypothesis has a period and a phase, or a place in the image, its best ones: what the signatures say of them
+/// is of a few periods or a coarse grid only. Simulated are the captures in which its signatures change most. Else, and
+/// where nothing is better, the start.
+LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start,
+                         const std::vector<Signature>& signatures);
 
 /// The rung's model with the hypothesis, its parameters fitted to the train captures; `id`: of the instance added.
 struct RefinedFit {

@@ -138,7 +138,7 @@ class Search {
   };
   /// The best by linear gain; where much is unexplained, the linear view of signatures may mislead, and what is left
   /// when they are simulated decides.
-  std::vector<Listed> shortlist() const {
+  std::vector<Listed> shortlist() {
     std::vector<int> order(count_);
     std::iota(order.begin(), order.end(), 0);
     std::sort(order.begin(), order.end(),
@@ -149,14 +149,29 @@ class Search {
       const double gain = result_.linear[h].gain;
       if (gain / rung_.dispersion - result_.prices[h] >= own_gate_[h]) list.push_back({gain, h});
     }
+    for (const Listed& one : list)
+      if (has_place(*hypotheses_.tested[one.hypothesis].declaration)) look_close_by(one.hypothesis);
     if (rung_.dispersion > options_.linear_until && static_cast<int>(list.size()) > options_.refine) {
       // Signatures stand where the targets nominally do.
       const double nominal = remainder_of(refiner_, rung_.model, {}, {}).train;
-      for (auto& [gain, h] : list) gain = nominal - remainder_of(refiner_, added(h), {}, {}).train + map_gain(h).train;
+      for (auto& [gain, h] : list) {
+        const double linear = gain;
+        gain = nominal - remainder_of(refiner_, added(h), {}, {}).train + map_gain(h).train;
+        if (!tracing()) continue;
+        fmt::print(stderr, "  {} linear {:.0f} simulated {:.0f}:", hypotheses_.tested[h].effect, linear, gain);
+        for (const auto& [name, value] : result_.linear[h].values) fmt::print(stderr, " {} {:.4g}", name, value);
+        fmt::print(stderr, "\n");
+      }
       std::stable_sort(list.begin(), list.end(), [](const Listed& a, const Listed& b) { return a.gain > b.gain; });
     }
     list.resize(std::min<std::size_t>(list.size(), options_.refine));
     return list;
+  }
+
+  void look_close_by(int h) {
+    const double gain = result_.linear[h].gain;  // by which it was listed; the other is of a few captures
+    result_.linear[h] = binrig::look_close_by(refiner_, hypotheses_.tested[h], result_.linear[h], signatures_);
+    result_.linear[h].gain = gain;
   }
 
   UnitMap::Gain map_gain(int h) const { return map_gains_.count(h) ? map_gains_.at(h) : UnitMap::Gain{}; }
@@ -222,8 +237,8 @@ class Search {
       if (map_deviations_.count(h)) {
         judge(given_by_map(h), h);
       } else {
-        const LinearGain start = with_period(refiner_, hypothesis, result_.linear[h], signatures_);
-        judge(refine(refiner_, hypothesis, start), h);
+        if (!has_place(*hypothesis.declaration)) look_close_by(h);
+        judge(refine(refiner_, hypothesis, result_.linear[h]), h);
       }
       most_explained = std::max(most_explained, result_.refined.back().train_gain * rung_.dispersion);
     }
@@ -236,7 +251,11 @@ class Search {
     const int known = best == result_.refined.end() ? -1 : best->hypothesis;
     for (Anew& anew : look_anew(experiment_, motions_, measured_, book_.model(), hypotheses_, signatures_,
                                 book_.simulations(), known, options_.anew, options_.seed + 60)) {
+      // What the rung has learned of all else is worth more than what a fit from far away did, or it went astray.
+      LinearGain start = result_.linear[anew.hypothesis];
+      for (auto& [name, value] : start.values) value = anew.fit.model.find(anew.id)->value(name);
       judge({anew.id, std::move(anew.fit)}, anew.hypothesis);
+      judge(refine(refiner_, hypotheses_.tested[anew.hypothesis], start), anew.hypothesis);
     }
   }
 

@@ -127,5 +127,35 @@ TEST(Hypotheses, PlacesCoverTheImage) {
   }
 }
 
+// The grid leaves a third of its spacing: as near as that a search by slopes finds a spot of medium size.
+TEST(Hypotheses, PlacesCloseByReachTheNextOnesOfTheGrid) {
+  const NoMotion forward;
+  int places = 0;
+  for (const auto& h : make_hypotheses(forward, one_effect_model()).tested) {
+    if (!has_place(*h.declaration)) {
+      EXPECT_TRUE(by_place(h, h.paths[0].atoms[0].values).paths.empty()) << h.effect;
+      continue;
+    }
+    ++places;
+    const auto& from = h.paths.back().atoms[0].values;
+    const Hypothesis close = by_place(h, from);
+    std::vector<std::string> names;
+    for (const auto& spec : h.declaration->parameters)
+      if (spec.either_sign && !spec.interpolate) names.push_back(spec.name);
+    ASSERT_EQ(names.size(), 2u) << h.effect;
+    for (double dx = -0.3; dx <= 0.3; dx += 0.05)
+      for (double dy = -0.25; dy <= 0.25; dy += 0.05) {
+        double nearest = 1e9;
+        for (const auto& path : close.paths) {
+          ASSERT_EQ(path.atoms.size(), 3u);
+          nearest = std::min(nearest, std::hypot(path.atoms[0].values.at(names[0]) - from.at(names[0]) - dx,
+                                                 path.atoms[0].values.at(names[1]) - from.at(names[1]) - dy));
+        }
+        EXPECT_LT(nearest, 0.08) << h.effect << " " << dx << ", " << dy;
+      }
+  }
+  EXPECT_GT(places, 0);
+}
+
 }  // namespace
 }  // namespace binrig
