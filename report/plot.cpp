@@ -1,5 +1,6 @@
 #include "report/plot.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -111,9 +112,15 @@ std::string script(const Plot& plot, const std::string& output) {
   if (plot.log_y) text += "set logscale y\nset format y '%h'\n";
   text += fmt::format("set xrange {}\nset yrange {}\n", range_text(plot.x_range), range_text(plot.y_range));
   if (!plot.x_ticks.empty()) {
+    constexpr std::size_t letter_px = 7;
     std::vector<std::string> ticks;
-    for (const auto& [at, label] : plot.x_ticks) ticks.push_back(fmt::format("{} {}", quoted(label), at));
-    text += fmt::format("set xtics ({})\n", fmt::join(ticks, ", "));
+    std::size_t longest = 0;
+    for (const auto& [at, label] : plot.x_ticks) {
+      ticks.push_back(fmt::format("{} {}", quoted(label), at));
+      longest = std::max(longest, label.size());
+    }
+    const bool too_long = longest * letter_px * ticks.size() > static_cast<std::size_t>(plot.width_px);
+    text += fmt::format("set xtics {}({})\n", too_long ? "rotate by -20 left " : "", fmt::join(ticks, ", "));
   }
   for (const Rule& rule : plot.rules) {
     const std::string place = plot.log_x && rule.vertical && rule.at <= 0 ? "" : fmt::format("{}", rule.at);

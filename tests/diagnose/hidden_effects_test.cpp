@@ -87,20 +87,30 @@ TEST(HiddenEffects, AnEffectThatNoCatalogueHasIsUnknown) {
   ASSERT_FALSE(diagnosis.unexplained.empty());
 }
 
-TEST(Screen, AStepAcrossALineIsFoundWithItsPlaceAndHeight) {
-  const SceneForwardModel& forward = world().forward();
-  const auto truth = hidden::make_truth(forward, {"outside", {"step_across_a_line"}, Strength::strong, 1});
-  const Experiment experiment(forward, truth.start, world().cache);
+/// A recording as the diagnosis first sees it: measured, the model that was given fitted in one pass.
+struct FirstLook {
+  hidden::Truth truth;
+  Experiment experiment;
   std::vector<std::string> unreadable;
-  const Measurement measured = experiment.measure([&](int c, int i) { return truth.recording[c][i]; }, unreadable);
-  const auto motions =
-      scene_motions(experiment, truth.start, registration_prior(forward.set(), experiment.nominal(0).camera));
-  const Rung rung = fit_rung(experiment, motions, measured, truth.start, {}, {.simulations = 16, .passes = 1});
+  Measurement measured;
+  Rung rung;
+  explicit FirstLook(const hidden::Case& c)
+      : truth(hidden::make_truth(world().forward(), c)),
+        experiment(world().forward(), truth.start, world().cache),
+        measured(experiment.measure([&](int capture, int i) { return truth.recording[capture][i]; }, unreadable)),
+        rung(fit_rung(experiment,
+                      scene_motions(experiment, truth.start,
+                                    registration_prior(world().forward().set(), experiment.nominal(0).camera)),
+                      measured, truth.start, {}, {.simulations = 16, .passes = 1})) {}
+};
+
+TEST(Screen, AStepAcrossALineIsFoundWithItsPlaceAndHeight) {
+  const FirstLook look({"outside", {"step_across_a_line"}, Strength::strong, 1});
   std::vector<Unexplained> entries(1);
   entries[0].segment = "bias";
-  for (const auto& fit : goodness_of_fit(experiment.layout(), rung))
+  for (const auto& fit : goodness_of_fit(look.experiment.layout(), look.rung))
     if (fit.segment == "bias" && fit.train) entries[0].ratio = fit.ratio;
-  screen(experiment, rung, measured.all, entries);
+  screen(look.experiment, look.rung, look.measured.all, entries);
 
   std::smatch found;
   ASSERT_TRUE(
@@ -109,7 +119,7 @@ TEST(Screen, AStepAcrossALineIsFoundWithItsPlaceAndHeight) {
   double along_x = std::stod(found[1]), along_y = std::stod(found[2]), place = std::stod(found[3]);
   ASSERT_TRUE(std::regex_search(entries[0].formula, found, std::regex(R"(\{a: (-?[\d.e-]+)\})")));
   double height = std::stod(found[1]);
-  auto values = truth.hidden.at(0).values;
+  auto values = look.truth.hidden.at(0).values;
   if (along_x * std::cos(values["angle"]) + along_y * std::sin(values["angle"]) < 0)  // the same line from behind
     along_x *= -1, along_y *= -1, place *= -1, height *= -1;
   // A bin is 8 px, 0.125 of half the width: a line is known to half of that, over the image to 0.06 rad.
@@ -120,22 +130,16 @@ TEST(Screen, AStepAcrossALineIsFoundWithItsPlaceAndHeight) {
 }
 
 TEST(UnitMap, LengthAndStrengthOfAHiddenPatternAreReadOffIt) {
-  const SceneForwardModel& forward = world().forward();
-  const auto truth = hidden::make_truth(forward, {"one", {"fixed_pattern_noise"}, Strength::medium, 2});
-  const Experiment experiment(forward, truth.start, world().cache);
-  std::vector<std::string> unreadable;
-  const Measurement measured = experiment.measure([&](int c, int i) { return truth.recording[c][i]; }, unreadable);
-  const auto motions =
-      scene_motions(experiment, truth.start, registration_prior(forward.set(), experiment.nominal(0).camera));
-  const Rung rung = fit_rung(experiment, motions, measured, truth.start, {}, {.simulations = 16, .passes = 1});
-  const Hypotheses all = make_hypotheses(forward, truth.start);
+  const FirstLook look({"one", {"fixed_pattern_noise"}, Strength::medium, 2});
+  const Hypotheses all = make_hypotheses(world().forward(), look.truth.start);
   const auto pattern = std::find_if(all.tested.begin(), all.tested.end(),
                                     [](const Hypothesis& h) { return h.effect == "fixed_pattern_noise"; });
   ASSERT_NE(pattern, all.tested.end());
-  const auto without = experiment.simulate(UnitMap::trials_of(rung, rung.model, 7), "");
-  const UnitMapFit fit = fit_unit_map(experiment, rung, *pattern, pattern->paths[0].atoms[0].values, without, 7);
-  EXPECT_TRUE(fit.map.looks_random(rung.rest));
-  for (const auto& [name, value] : truth.hidden.at(0).values) {
+  const auto without = look.experiment.simulate(UnitMap::trials_of(look.rung, look.rung.model, 7), "");
+  const UnitMapFit fit =
+      fit_unit_map(look.experiment, look.rung, *pattern, pattern->paths[0].atoms[0].values, without, 7);
+  EXPECT_TRUE(fit.map.looks_random(look.rung.rest));
+  for (const auto& [name, value] : look.truth.hidden.at(0).values) {
     ASSERT_TRUE(fit.deviation.count(name)) << name;
     EXPECT_LT(fit.deviation.at(name), 0.3) << name;
     EXPECT_NEAR(std::log(fit.values.at(name) / value), 0, 3 * fit.deviation.at(name)) << name << " " << value;
