@@ -57,7 +57,7 @@ struct CaptureStatistics::Impl {
   std::shared_ptr<const Channels> channels;  // of the regions below
   std::shared_ptr<const CaptureRegions> regions;
   cv::Mat previous_residual, previous_used, previous_depth;
-  int number = 0, regions_number = 0;
+  int number = 0, repeats = 0, regions_number = 0;
 
   void observe(const Frame& frame, ObservedFrame& seen) {
     const cv::Size size(context.camera.width, context.camera.height);
@@ -140,6 +140,7 @@ void CaptureStatistics::add(const Frame& frame, std::shared_ptr<const Channels> 
       rough(self.previous_residual, self.previous_used, self.context.depth_scale_mm)) {
     for (auto& statistic : self.running)
       if (statistic) statistic->repeat();
+    ++self.repeats;
     return;
   }
   ObservedFrame seen;
@@ -161,6 +162,8 @@ std::vector<RawStatistic> CaptureStatistics::finish() {
   std::vector<RawStatistic> result;
   for (auto& statistic : impl_->running) {
     result.push_back(statistic ? statistic->finish() : RawStatistic{});
+    if (impl_->repeats > 0)
+      for (float& weight : result.back().weight) weight *= 1 + static_cast<float>(impl_->repeats) / impl_->number;
     result.back().spatial = impl_->context.frames <= 1;
   }
   return result;

@@ -77,7 +77,10 @@ struct ObservedFrame {
 /// Values of a segment in one capture. weight is the number of samples behind a value (0 = unknown; the value is then
 /// 0 and means nothing). Maps are row-wise rows x cols grids of squares of side_px; other segments have rows = 1.
 struct RawStatistic {
-  std::vector<float> value, weight;
+  std::vector<float> value;
+  /// Samples that a value is of; 0 = it is not known. Frames that repeat another are counted here as if they had been
+  /// shown: what a transform makes of the number of samples must not tell how many frames repeat.
+  std::vector<float> weight;
   int rows = 1, cols = 0;
   int side_px = 0;  ///< 0 = no map
   bool spatial = false;

@@ -268,6 +268,16 @@ TEST(Statistics, AFrameThatRepeatsSaysNothingNew) {
   // Both are variances of 5 pairs of frames in cells of 16 pixels or so: 1 +- 0.2 each, hundreds of them. With the
   // repeats counted it would be 5 / 8.
   EXPECT_NEAR(ratio / count, 1, 0.1);
+  // A share of nothing stays what it was, though Anscombe's fractions depend on the number of samples.
+  const RawStatistic none = of(once, "drop-out"), still_none = of(twice, "drop-out");
+  ASSERT_EQ(none.value, still_none.value);
+  const auto& declaration = segment("drop-out");
+  for (std::size_t i = 0; i < none.value.size(); ++i) {
+    if (none.weight[i] == 0) continue;
+    const int at = static_cast<int>(i), n = static_cast<int>(none.value.size());
+    EXPECT_NEAR(declaration.stabilise(still_none.value[i], still_none.weight[i], at, n),
+                declaration.stabilise(0, 1.5f * none.weight[i], at, n), 1e-5);
+  }
 }
 
 TEST(Statistics, CombFindsTheDisparityStep) {
