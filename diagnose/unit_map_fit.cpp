@@ -105,19 +105,21 @@ class MapFitter {
   std::vector<double> solve_for_strength(const ParameterSpec& amplitude) {
     double exponent = 2;  // of what is proportional to it
     double& value = fit_.values[amplitude.name];
-    UnitMap::Match match = try_at(fit_.values).match;
+    Try tried = try_at(fit_.values);
     for (int round = 0; round < 2; ++round) {
-      const double before = value, log_scale = match.log_scale;
+      const double before = value, log_scale = tried.match.log_scale;
       value = std::clamp(before * std::exp(log_scale / exponent), amplitude.lower, amplitude.upper);
-      match = try_at(fit_.values).match;
+      tried = try_at(fit_.values);
       const double moved = std::log(value / before);
-      if (std::abs(moved) > 0.2) exponent = std::clamp((log_scale - match.log_scale) / moved, 0.5, 4.0);
+      if (std::abs(moved) > 0.2) exponent = std::clamp((log_scale - tried.match.log_scale) / moved, 0.5, 4.0);
     }
-    for (double& slope : match.slope) slope *= exponent;
-    return match.slope;
+    kurtosis_ = tried.units.kurtosis;
+    for (double& slope : tried.match.slope) slope *= exponent;
+    return tried.match.slope;
   }
 
-  /// Fisher's information of rings of cosines; the units that are compared with are few, too.
+  /// Fisher's information of rings of cosines; the units that are compared with are few, too. The mean square of values
+  /// that are rarely large (a few dead pixels) scatters by their kurtosis, where normal ones have 3.
   void write_deviations(const std::vector<std::string>& names, const std::vector<std::vector<double>>& slopes) {
     const int n = static_cast<int>(names.size());
     Eigen::MatrixXd information = 1e-2 * Eigen::MatrixXd::Identity(n, n);
@@ -125,8 +127,8 @@ class MapFitter {
       for (int b = 0; b < n; ++b)
         for (std::size_t r = 0; r < modes_.size(); ++r)
           information(a, b) += modes_[r] / 2 * slopes[a][r] * slopes[b][r];
-    const Eigen::MatrixXd covariance =
-        (1 + 1.0 / static_cast<double>(without_.size())) * information.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+    const double wider = (1 + 1.0 / static_cast<double>(without_.size())) * std::max(1.0, (kurtosis_ - 1) / 2);
+    const Eigen::MatrixXd covariance = wider * information.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
     for (int a = 0; a < n; ++a) fit_.deviation[names[a]] = std::sqrt(std::max(0.0, covariance(a, a)));
   }
 
@@ -138,6 +140,7 @@ class MapFitter {
   UnitMapFit fit_;
   int segment_ = 0;
   std::vector<double> modes_;
+  double kurtosis_ = 3;  // of units at the values found
 };
 
 }  // namespace
