@@ -53,6 +53,8 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
   });
   std::map<int, std::size_t> best;  // signature by hypothesis
   for (std::size_t s = 0; s < signatures.size(); ++s) {
+    if (hypotheses.tested[signatures[s].hypothesis].declaration->per_unit_map)
+      continue;  // of one unit, not of this one
     const auto [at, fresh] = best.try_emplace(signatures[s].hypothesis, s);
     if (!fresh && chi[s] < chi[at->second]) at->second = s;
   }
