@@ -23,7 +23,8 @@ struct FitState {
 
 constexpr double least_gain = 1;  ///< of chi, for which a value is taken
 
-/// Walks the parameters of one fit. What is given to the constructor must outlive it.
+/// Walks the parameters of one fit. What is given to the constructor must outlive it, but for `start` and `offsets`.
+/// Whatever simulates throws what simulating throws.
 class Descent {
  public:
   /// Stands at `start` with the targets at `offsets`.

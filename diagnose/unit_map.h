@@ -35,7 +35,8 @@ class UnitMap {
   static std::vector<Whitened> changes(const Rung& rung, const std::vector<StatVector>& without,
                                        const std::vector<StatVector>& with);
 
-  /// `train`, `test`: Explained::rest of either part. `only_segment`: what of the gain is in that; empty = all.
+  /// `train`, `test`: Explained::rest of either part, whitened (dimensionless). `only_segment`: what of the gain is in
+  /// that; empty = all.
   Gain gain(const Whitened& train, const Whitened& test, const std::string& only_segment = "") const;
 
   /// Mean squares of a map's discrete cosine transform in rings of frequency: nearly independent, if the map is a
@@ -53,8 +54,10 @@ class UnitMap {
   };
   /// The segment in which an unknown map explains most of a residual (all captures); none if it explains nothing.
   std::optional<int> strongest(const Whitened& rest) const;
-  /// Of what units change, whichever it was learned from.
+  /// Of what units change, whichever it was learned from; nuisances take of it what they take of a measurement.
+  /// `segment`: of `strongest`. Kurtosis and power are means over the units.
   Spectrum spectrum_of_units(int segment, const std::vector<Whitened>& change) const;
+  /// `rest`: Explained::rest, all captures; `units`: of spectrum_of_units in the same segment.
   Match match(int segment, const Whitened& rest, const Spectrum& units) const;
   /// Number of cosines in each ring.
   std::vector<double> modes(int segment) const;
@@ -98,7 +101,7 @@ struct UnitMapFit {
 /// Begins with `values`. The parameters' likelihood is that of the map's spectrum (Whittle: rings of cosines with
 /// exponentially distributed squares, noise's part known) under units simulated at them: the strength is solved for,
 /// the others (magnitudes) are sought over their typical ranges. `without` as for UnitMap. The
-/// result's values are those given where no segment shows a map.
+/// result's values are those given where no segment shows a map. Throws what simulating throws.
 UnitMapFit fit_unit_map(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
                         const std::map<std::string, double>& values, const std::vector<StatVector>& without,
                         std::uint64_t seed);
