@@ -9,7 +9,8 @@ namespace binrig {
 namespace {
 
 /// Robust centre and standard deviation of some 1500 residuals of the image: the outlier limit needs no more, and all
-/// pixels would cost more than everything else.
+/// pixels would cost more than everything else. The deviation is the larger of what the middle half and what all but a
+/// twentieth say: where depth comes in steps, more than half of a frontal plane may read the same.
 void robust_spread(const cv::Mat& residual, const cv::Mat& measured, const cv::Mat& interior, double& centre,
                    double& scale) {
   std::vector<float> sample;
@@ -28,6 +29,9 @@ void robust_spread(const cv::Mat& residual, const cv::Mat& measured, const cv::M
   for (float& s : sample) s = std::abs(s - static_cast<float>(centre));
   std::nth_element(sample.begin(), middle, sample.end());
   scale = 1.4826 * *middle;
+  const auto far = sample.begin() + 19 * sample.size() / 20;
+  std::nth_element(middle, far, sample.end());
+  scale = std::max(scale, *far / 1.96);
 }
 
 bool equal(const cv::Mat& a, const cv::Mat& b) {
@@ -72,8 +76,10 @@ struct CaptureStatistics::Impl {
       m[p] = z[p] > 0.f ? counted[p] : 0.f;
       r[p] = m[p] * (z[p] - nominal[p]);
     }
+    double depth_mm = 0, measured = 0;
+    for (int p = 0; p < count; ++p) depth_mm += m[p] * interior[p] * nominal[p], measured += m[p] * interior[p];
     robust_spread(seen.residual_mm, seen.measured, regions->interior, seen.centre_mm, seen.scale_mm);
-    const float centre = static_cast<float>(seen.centre_mm), limit = static_cast<float>(8 * seen.scale_mm + 1.0);
+    const float centre = static_cast<float>(seen.centre_mm), limit = static_cast<float>(outlier_limit_mm(seen, measured > 0 ? depth_mm / measured : 0));
     float inside = 0, kept = 0;
 #pragma omp simd reduction(+ : inside, kept)
     for (int p = 0; p < count; ++p) {
@@ -84,6 +90,15 @@ struct CaptureStatistics::Impl {
     }
     seen.interior_pixels = std::lround(inside);
     seen.outliers = std::lround(inside - kept);
+  }
+
+  /// Eight standard deviations, and what steps of a quarter of a pixel of disparity or of storage can do to a frame that
+  /// hardly shows them.
+  double outlier_limit_mm(const ObservedFrame& seen, double distance_mm) const {
+    constexpr double coarse_steps_px = 0.25, least_mm = 1;
+    const double disparity_mm =
+        context.focal_baseline > 0 ? coarse_steps_px * distance_mm * distance_mm / context.focal_baseline : 0;
+    return 8 * seen.scale_mm + std::max({least_mm, disparity_mm, 1.5 * context.depth_scale_mm});
   }
 
   void random_part(ObservedFrame& seen) {

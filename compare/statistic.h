@@ -65,7 +65,8 @@ struct ObservedFrame {
   cv::Mat used;            ///< mask: measured, interior and no outlier
   double centre_mm = 0;    ///< robust middle of the frame's interior residuals
   double scale_mm = 0;     ///< robust standard deviation of the same
-  long interior_pixels = 0, outliers = 0;  ///< measured interior pixels; those beyond 8 scale + 1 mm from the centre
+  long interior_pixels = 0, outliers = 0;  ///< measured interior pixels; those further from the centre than 8
+                                           ///< scale and a coarse step (1 mm, a quarter of a pixel of disparity)
 
   /// The frame's random part: (residual - previous residual) / sqrt 2, or, in a capture of a single frame, the
   /// difference of horizontal neighbours / sqrt 2 (then `spatial`). Empty in the first of several frames.

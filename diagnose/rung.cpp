@@ -60,6 +60,31 @@ double dispersion_of(const Rung& rung, const Metric& train) {
   return null_square > 0 ? std::max(1.0, train.explain(rung.data, rung.place).chi / null_square) : 1;
 }
 
+/// What is left of the data, segment by segment, and in the captures that keep most of it.
+void trace_rest(const Layout& layout, const Rung& rung) {
+  for (std::size_t s = 0; s < segments().size(); ++s) {
+    std::vector<std::pair<double, int>> by_capture;
+    double square = 0;
+    int known = 0;
+    for (const Block& block : layout.blocks) {
+      if (block.segment != static_cast<int>(s)) continue;
+      double own = 0;
+      for (int i = block.offset; i < block.offset + block.size; ++i) {
+        own += rung.rest[i] * rung.rest[i];
+        known += rung.rest[i] != 0;
+      }
+      square += own;
+      by_capture.emplace_back(own, block.capture);
+    }
+    if (known == 0) continue;
+    std::sort(by_capture.rbegin(), by_capture.rend());
+    fmt::print(stderr, "  rest of {:<14} {:.2f}", segments()[s].name, square / known);
+    for (std::size_t k = 0; k < std::min<std::size_t>(5, by_capture.size()); ++k)
+      fmt::print(stderr, ", capture {} {:.0f} %", by_capture[k].second, 100 * by_capture[k].first / square);
+    fmt::print(stderr, "\n");
+  }
+}
+
 }  // namespace
 
 bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalogue) {
@@ -224,6 +249,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   }
   Remains remains = remains_of(rung, rung.data, rung.place);
   rung.rest = std::move(remains.rest);
+  if (tracing()) trace_rest(layout, rung);
   rung.nuisances = std::move(remains.nuisances);
   rung.train_stated = remains.train_stated;
   rung.test_stated = remains.test_stated;

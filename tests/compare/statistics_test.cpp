@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/core.hpp>
 
+#include "compare/probability.h"
 #include "core/error.h"
 #include "core/random.h"
 
@@ -101,6 +102,25 @@ TEST(Statistics, NoiseIsTheVarianceOfTheRandomPartAndBlindToBias) {
   for (std::size_t i = 0; i < raw.value.size(); ++i) sum += raw.value[i] * raw.weight[i], count += raw.weight[i];
   // 134000 differences in 7 overlapping pairs: relative error about sqrt(3 / 134000) = 0.005.
   EXPECT_NEAR(sum / count, 0.09, 0.09 * 0.02);
+}
+
+TEST(Statistics, FlickerBetweenTwoStepsOfDepthIsNoiseHoweverRareOneOfThemIs) {
+  constexpr double step_mm = 1.3;
+  for (const double share : {0.5, 0.3, 0.1, 0.02}) {  // of the further step: the residuals' quartiles may be equal
+    const double beyond = normal_quantile(1 - share);
+    const auto raw = of(statistics_of(8,
+                                      [&](int, int row, int col, float z, const cv::Mat& n) {
+                                        return n.at<float>(row, col) > beyond ? z + static_cast<float>(step_mm) : z;
+                                      }),
+                        "noise");
+    double sum = 0, count = 0;
+    for (std::size_t i = 0; i < raw.value.size(); ++i) sum += raw.value[i] * raw.weight[i], count += raw.weight[i];
+    const double expected = share * (1 - share) * step_mm * step_mm;
+    // Half the square of a difference is step^2 / 2 with probability 2 share (1 - share), else 0: four standard errors,
+    // pairs that share a frame counted as one.
+    const double flips = 2 * share * (1 - share);
+    EXPECT_NEAR(sum / count, expected, expected * 4 * std::sqrt((1 - flips) / flips / (0.5 * count))) << share;
+  }
 }
 
 TEST(Statistics, ASingleFrameGivesItsSpatialDifferenceAndSaysSo) {
