@@ -24,6 +24,7 @@ namespace {
 constexpr double leaves_something = 1.05;   // dispersion
 constexpr double close_behind = 0.9;        // share of the best one's gain
 constexpr double least_fall = 0.02;         // share of what is left of the held-out score
+constexpr double unproven_fall = 0.25;   // of what an effect that had not proved itself has to take of that
 constexpr double least_proper_gain = 0.01;  // an element
 
 CandidateReport report_of(const Refined& refined, int null_count) {
@@ -147,7 +148,10 @@ class Climb {
     diagnosis_.unconfirmed.clear();
     for (const Refined* candidate : found.unconfirmed(search_options_))
       diagnosis_.unconfirmed.push_back({candidate->effect, capture_name(candidate->shown_in)});
-    const auto worthy = found.accepted(search_options_);
+    auto worthy = found.accepted(search_options_);
+    // What could not prove itself beside bent parameters is fitted with all of them, and judged by what that leaves.
+    const bool unproven = worthy.empty();
+    if (unproven) worthy = found.unproven(search_options_);
     if (worthy.empty()) return false;
 
     // The runner-up is tried, too, where the best leaves anything: a model's bent parameters may have favoured the
@@ -191,8 +195,10 @@ class Climb {
       fmt::print(stderr, "  {} added: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", effect, before, after,
                  proper_before, proper);
     const bool by_its_map = accepted.map && accepted.map_looks_random;
-    if (!by_its_map && after > before - least_fall * std::max(0.0, before - 1) &&
-        proper > proper_before - least_proper_gain) {
+    const double excess = std::max(0.0, before - 1);
+    const bool falls = after <= before - (unproven ? unproven_fall : least_fall) * excess;
+    const bool falls_properly = proper <= proper_before - least_proper_gain;
+    if (!falls && (unproven || !(by_its_map || falls_properly))) {
       diagnosis_.warnings.push_back(
           fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "
                       "({:.3g} to {:.3g})",

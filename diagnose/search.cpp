@@ -143,14 +143,23 @@ class Search {
     std::iota(order.begin(), order.end(), 0);
     std::sort(order.begin(), order.end(),
               [&](int a, int b) { return result_.linear[a].gain > result_.linear[b].gain; });
-    std::vector<Listed> list;
+    if (tracing())
+      for (int k = 0; k < std::min(count_, 6); ++k)
+        fmt::print(stderr, "  {} gains {:.1f}, price {:.1f}, gate {:.1f}\n", hypotheses_.tested[order[k]].effect,
+                   result_.linear[order[k]].gain / rung_.dispersion, result_.prices[order[k]], own_gate_[order[k]]);
+    std::vector<Listed> list, doubtful;
     for (int h : order) {
       if (static_cast<int>(list.size()) >= options_.shortlist) break;
-      const double gain = result_.linear[h].gain;
-      if (gain / rung_.dispersion - result_.prices[h] >= own_gate_[h]) list.push_back({gain, h});
+      const double gain = result_.linear[h].gain, above_price = gain / rung_.dispersion - result_.prices[h];
+      if (above_price >= own_gate_[h])
+        list.push_back({gain, h});
+      else if (above_price >= std::max(options_.least_train_gain, options_.doubtful * own_gate_[h]) &&
+               static_cast<int>(doubtful.size()) < options_.doubted)
+        doubtful.push_back({gain, h});
     }
-    for (const Listed& one : list)
-      if (has_place(*hypotheses_.tested[one.hypothesis].declaration)) look_close_by(one.hypothesis);
+    for (const auto* listed : {&list, &doubtful})
+      for (const Listed& one : *listed)
+        if (has_place(*hypotheses_.tested[one.hypothesis].declaration)) look_close_by(one.hypothesis);
     if (rung_.dispersion > options_.linear_until && static_cast<int>(list.size()) > options_.refine) {
       // Signatures stand where the targets nominally do.
       const double nominal = remainder_of(refiner_, rung_.model, {}, {}).train;
@@ -165,6 +174,8 @@ class Search {
       std::stable_sort(list.begin(), list.end(), [](const Listed& a, const Listed& b) { return a.gain > b.gain; });
     }
     list.resize(std::min<std::size_t>(list.size(), options_.refine));
+    for (const Listed& one : doubtful)
+      if (static_cast<int>(list.size()) < options_.refine) list.push_back(one);
     return list;
   }
 
@@ -203,7 +214,9 @@ class Search {
     refined.effect = hypotheses_.tested[h].effect;
     refined.linear_gain = result_.linear[h].gain;
     refined.price = result_.prices[h];
-    refined.gate = own_gate_[h];
+    // Of one that the linear view hardly saw, more is asked.
+    const bool doubted = refined.linear_gain / rung_.dispersion - refined.price < own_gate_[h];
+    refined.gate = (doubted ? options_.beyond_doubt : 1) * own_gate_[h];
     refined.p = result_.p_values[h];
     refined.random_map = !maps_.count(h) || map_gains_.count(h);
     refined.given_by_map = map_deviations_.count(h);
@@ -301,6 +314,16 @@ std::vector<const Refined*> SearchResult::accepted(const SearchOptions& options)
   std::vector<const Refined*> result;
   for (const auto& candidate : refined)
     if (candidate.test_gain > options.least_test_gain && significant_on_train(candidate, options))
+      result.push_back(&candidate);
+  return result;
+}
+
+std::vector<const Refined*> SearchResult::unproven(const SearchOptions& options) const {
+  std::vector<const Refined*> result;
+  for (const auto& candidate : refined)
+    if (candidate.test_gain <= options.least_test_gain && candidate.shown_on_test > 2 * options.least_test_gain &&
+        candidate.train_gain - candidate.price > options.beyond_doubt * candidate.gate &&
+        significant_on_train(candidate, options))
       result.push_back(&candidate);
   return result;
 }

@@ -34,6 +34,11 @@ struct SearchOptions {
   int refine = 4;             ///< so many are fitted,
   double hopeless = 0.3;  ///< unless they explain less than this share (half of it if they have periods or places) of
                           ///< what the best does
+  /// Where the linear gain falls short of the gate but not of this share of it, so many are fitted, too: signatures
+  /// know few places and periods. They must then gain so many times the gate.
+  double doubtful = 0.2;
+  int doubted = 2;
+  double beyond_doubt = 2;
   int seeds = 2;
   std::uint64_t seed = 501;
   double astray = 3;           ///< dispersion beyond which, whoever explains it, hypotheses are fitted anew,
@@ -54,6 +59,9 @@ struct SearchResult {
   std::vector<Refined> refined;                 ///< best first
   /// Those that are significant on train and confirmed on test, best first.
   std::vector<const Refined*> accepted(const SearchOptions& options) const;
+  /// Those that are beyond doubt on train and show on test, but explain nothing there as long as the model's other
+  /// parameters stay where they were bent to without them; best first.
+  std::vector<const Refined*> unproven(const SearchOptions& options) const;
   /// Those that are significant on train, but that the captures held out could not confirm whoever is right.
   std::vector<const Refined*> unconfirmed(const SearchOptions& options) const;
 };

@@ -40,6 +40,97 @@ cv::Mat stored(const Shot& shot, double step) {
   return depth;
 }
 
+/// An effect that acts on frames.
+struct Part {
+  std::string name;
+  Values values;
+  const Injection* injection;
+};
+
+void in_order_of_stages(std::vector<Part>& parts) {
+  std::stable_sort(parts.begin(), parts.end(), [](const Part& a, const Part& b) {
+    const auto first = [](const Part& p) { return p.name == "focal_error" || p.name == "latency"; };
+    return std::pair(a.injection->stage, !first(a)) < std::pair(b.injection->stage, !first(b));
+  });
+}
+
+/// One capture of a set, frame by frame.
+class Recorder {
+ public:
+  Recorder(const SceneForwardModel& forward, const SensorModel& model, const RecordingSet& set, int capture,
+           const Offset& offset, std::uint64_t seed, const std::vector<Part>& parts)
+      : forward_(forward),
+        model_(model),
+        info_(forward.captures()[capture]),
+        reader_(set.capture(info_.key())),
+        parts_(parts) {
+    const Frame first = reader_.header(0);
+    stand_.forward = &forward;
+    stand_.model = &model;
+    stand_.capture = capture;
+    stand_.frames = info_.frames;
+    stand_.offset = offset;
+    stand_.camera = first.camera;
+    if (const auto projector = set.info().sensor.projector())
+      stand_.focal_baseline = stand_.camera.fx * std::abs(projector->x());
+    stand_.z0 = forward.reference_distance_mm(model);
+    stand_.power_on = info_.power_on;
+    const auto last = reader_.header(info_.frames - 1);
+    stand_.moves = first.objects && !first.objects->empty() && last.objects && !last.objects->empty() &&
+                   !first.objects->front().X_CO.isApprox(last.objects->front().X_CO, 1e-12);
+    stand_.unit = model.unit_seed;
+    stand_.seed = mix_keys(seed, hash_text(info_.key()));
+    start_s_ = first.time_s.value_or(0);
+    for (const Part& part : parts_) {
+      stand_.name = part.name;
+      acts_.push_back(part.injection->begin(part.values, stand_));
+    }
+  }
+
+  const CaptureReader& reader() const { return reader_; }
+
+  /// Frame i with all parts on top of `before`: depth in mm, 0 = none; empty: what a perfect instrument sees.
+  Frame frame(int i, const cv::Mat& before = {}) {
+    const Frame header = reader_.header(i);
+    const ImageCoordinates image(stand_.camera);
+    Shot shot;
+    shot.number = i;
+    shot.time_s = header.time_s.value_or(0) - start_s_;
+    shot.since_power_on_s = info_.power_on ? shot.time_s : std::numeric_limits<double>::infinity();
+    shot.seen = forward_.perfect(stand_.capture, i, stand_.offset, everything, model_);
+    shot.cx = image.cx, shot.cy = image.cy, shot.per_px = image.scale, shot.corner = image.corner;
+    shot.z = before.empty() ? shot.seen->depth_mm.clone() : before.clone();
+    shot.hole = cv::Mat_<uchar>::zeros(shot.z.size());
+    for (int v = 0; v < shot.z.rows; ++v)
+      for (int u = 0; u < shot.z.cols; ++u) shot.hole(v, u) = shot.z(v, u) <= 0;
+    shot.scale = cv::Mat_<float>(shot.z.size(), 1.f);
+    shot.noise = cv::Mat_<float>::zeros(shot.z.size());
+    bool noisy = false;
+    for (std::size_t k = 0; k < parts_.size(); ++k) {
+      if (!noisy && parts_[k].injection->stage > Stage::noise) shot.z += shot.noise, noisy = true;
+      Dice dice(RandomStream(stand_.seed).child(parts_[k].name).child(static_cast<std::uint64_t>(i)));
+      acts_[k](shot, dice);
+    }
+    if (!noisy) shot.z += shot.noise;
+    Frame frame = header;
+    frame.depth_mm = stored(shot, header.depth_scale_mm);
+    frame.reason = cv::Mat(frame.depth_mm.size(), CV_8U, cv::Scalar(0));
+    frame.reason.setTo(static_cast<int>(Reason::unknown), frame.depth_mm <= 0);
+    frame.sequence = i;
+    return frame;
+  }
+
+ private:
+  const SceneForwardModel& forward_;
+  const SensorModel& model_;
+  const CaptureInfo& info_;
+  const CaptureReader reader_;
+  const std::vector<Part>& parts_;
+  Stand stand_;
+  double start_s_ = 0;
+  std::vector<Act> acts_;
+};
+
 }  // namespace
 
 std::shared_ptr<const Channels> Stand::look(int frame, double time_s, double focal_factor, const Vector3* light,
@@ -100,11 +191,6 @@ HiddenEffect draw_hidden(const std::string& name, Strength strength, const Rando
 bench::Recording record(const SceneForwardModel& forward, const SensorModel& instrument,
                         const std::vector<HiddenEffect>& hidden, const std::vector<Offset>& offsets,
                         std::uint64_t seed) {
-  struct Part {
-    std::string name;
-    Values values;
-    const Injection* injection;
-  };
   std::vector<Part> parts;
   for (const EffectInstance& effect : instrument.effects) {
     Part part{effect.effect, {}, &injection(effect.effect)};
@@ -116,65 +202,32 @@ bench::Recording record(const SceneForwardModel& forward, const SensorModel& ins
     std::erase_if(parts, [&](const Part& p) { return p.name == effect.name; });
     parts.push_back({effect.name, effect.values, &injection(effect.name)});
   }
-  std::stable_sort(parts.begin(), parts.end(), [](const Part& a, const Part& b) {
-    const auto first = [](const Part& p) { return p.name == "focal_error" || p.name == "latency"; };
-    return std::pair(a.injection->stage, !first(a)) < std::pair(b.injection->stage, !first(b));
-  });
-
+  in_order_of_stages(parts);
   const RecordingSet set = RecordingSet::open(forward.set().path);
   bench::Recording recording(forward.captures().size());
   parallel_for(static_cast<int>(recording.size()), [&](int c) {
-    const CaptureInfo& info = forward.captures()[c];
-    const CaptureReader headers = set.capture(info.key());
-    Stand stand;
-    stand.forward = &forward;
-    stand.model = &instrument;
-    stand.capture = c;
-    stand.frames = info.frames;
-    stand.offset = offsets[c];
-    stand.camera = headers.header(0).camera;
-    stand.focal_baseline = stand.camera.fx * std::abs(forward.set().sensor.projector()->x());
-    stand.z0 = forward.reference_distance_mm(instrument);
-    stand.power_on = info.power_on;
-    stand.moves =
-        !headers.header(0).objects->front().X_CO.isApprox(headers.header(info.frames - 1).objects->front().X_CO, 1e-12);
-    stand.unit = instrument.unit_seed;
-    stand.seed = mix_keys(seed, hash_text(info.key()));
-    std::vector<Act> acts;
-    for (const Part& part : parts) {
-      stand.name = part.name;
-      acts.push_back(part.injection->begin(part.values, stand));
-    }
-    const ImageCoordinates image(stand.camera);
-    const double start = headers.header(0).time_s.value_or(0);
-    for (int i = 0; i < info.frames; ++i) {
-      const Frame header = headers.header(i);
-      Shot shot;
-      shot.number = i;
-      shot.time_s = header.time_s.value_or(0) - start;
-      shot.since_power_on_s = info.power_on ? shot.time_s : std::numeric_limits<double>::infinity();
-      shot.seen = forward.perfect(c, i, stand.offset, everything, instrument);
-      shot.cx = image.cx, shot.cy = image.cy, shot.per_px = image.scale, shot.corner = image.corner;
-      shot.z = shot.seen->depth_mm.clone();
-      shot.hole = cv::Mat_<uchar>::zeros(shot.z.size());
-      for (int v = 0; v < shot.z.rows; ++v)
-        for (int u = 0; u < shot.z.cols; ++u) shot.hole(v, u) = shot.z(v, u) <= 0;
-      shot.scale = cv::Mat_<float>(shot.z.size(), 1.f);
-      shot.noise = cv::Mat_<float>::zeros(shot.z.size());
-      bool noisy = false;
-      for (std::size_t k = 0; k < parts.size(); ++k) {
-        if (!noisy && parts[k].injection->stage > Stage::noise) shot.z += shot.noise, noisy = true;
-        Dice dice(RandomStream(stand.seed).child(parts[k].name).child(static_cast<std::uint64_t>(i)));
-        acts[k](shot, dice);
-      }
-      if (!noisy) shot.z += shot.noise;
-      Frame frame = header;
-      frame.depth_mm = stored(shot, header.depth_scale_mm);
-      frame.reason = cv::Mat(frame.depth_mm.size(), CV_8U, cv::Scalar(0));
-      frame.reason.setTo(static_cast<int>(Reason::unknown), frame.depth_mm <= 0);
-      frame.sequence = i;
-      recording[c].push_back(frame);
-    }
+    Recorder recorder(forward, instrument, set, c, offsets[c], seed, parts);
+    for (int i = 0; i < forward.captures()[c].frames; ++i) recording[c].push_back(recorder.frame(i));
+  });
+  return recording;
+}
+
+bench::Recording record_on_top(const SceneForwardModel& forward, const SensorModel& model,
+                               const std::vector<HiddenEffect>& hidden, std::uint64_t seed) {
+  std::vector<Part> parts;
+  for (const HiddenEffect& effect : hidden) {
+    const Injection& how = injection(effect.name);
+    if (how.stage == Stage::amplitude || effect.name == "focal_error" || effect.name == "latency")
+      throw Error(effect.name + " acts on what the sensor sees, and that is over when a frame has been recorded");
+    parts.push_back({effect.name, effect.values, &how});
+  }
+  in_order_of_stages(parts);
+  const RecordingSet set = RecordingSet::open(forward.set().path);
+  bench::Recording recording(forward.captures().size());
+  parallel_for(static_cast<int>(recording.size()), [&](int c) {
+    Recorder recorder(forward, model, set, c, {}, seed, parts);
+    for (int i = 0; i < forward.captures()[c].frames; ++i)
+      recording[c].push_back(recorder.frame(i, recorder.reader().frame(i).depth_mm));
   });
   return recording;
 }
