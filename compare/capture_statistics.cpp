@@ -79,7 +79,8 @@ struct CaptureStatistics::Impl {
     double depth_mm = 0, measured = 0;
     for (int p = 0; p < count; ++p) depth_mm += m[p] * interior[p] * nominal[p], measured += m[p] * interior[p];
     robust_spread(seen.residual_mm, seen.measured, regions->interior, seen.centre_mm, seen.scale_mm);
-    const float centre = static_cast<float>(seen.centre_mm), limit = static_cast<float>(outlier_limit_mm(seen, measured > 0 ? depth_mm / measured : 0));
+    const float centre = static_cast<float>(seen.centre_mm),
+                limit = static_cast<float>(outlier_limit_mm(seen, measured > 0 ? depth_mm / measured : 0));
     float inside = 0, kept = 0;
 #pragma omp simd reduction(+ : inside, kept)
     for (int p = 0; p < count; ++p) {
@@ -92,8 +93,8 @@ struct CaptureStatistics::Impl {
     seen.outliers = std::lround(inside - kept);
   }
 
-  /// Eight standard deviations, and what steps of a quarter of a pixel of disparity or of storage can do to a frame that
-  /// hardly shows them.
+  /// Eight standard deviations, and what steps of a quarter of a pixel of disparity or of storage can do to a frame
+  /// that hardly shows them.
   double outlier_limit_mm(const ObservedFrame& seen, double distance_mm) const {
     constexpr double coarse_steps_px = 0.25, least_mm = 1;
     const double disparity_mm =

@@ -24,7 +24,7 @@ namespace {
 constexpr double leaves_something = 1.05;   // dispersion
 constexpr double close_behind = 0.9;        // share of the best one's gain
 constexpr double least_fall = 0.02;         // share of what is left of the held-out score
-constexpr double unproven_fall = 0.25;   // of what an effect that had not proved itself has to take of that
+constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
 constexpr double least_proper_gain = 0.01;  // an element
 
 CandidateReport report_of(const Refined& refined, int null_count) {

@@ -90,8 +90,8 @@ class Seeker {
     return true;
   }
 
-  /// Tries a value of a parameter that is not fitted; keeps it if chi falls. Returns by how much it does. `followed`: the
-  /// fitted ones go along, if it is not hopeless.
+  /// Tries a value of a parameter that is not fitted; keeps it if chi falls. Returns by how much it does. `followed`:
+  /// the fitted ones go along, if it is not hopeless.
   double try_value(const std::string& id, const ParameterSpec& spec, double wanted, bool followed = false) {
     constexpr double hopeless = 1.5;  // times the chi of the best one
     wanted = std::clamp(wanted, spec.lower, spec.upper);

@@ -2,18 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <numeric>
-#include <optional>
 
 #include <fmt/format.h>
 
 #include "core/error.h"
 #include "diagnose/anew.h"
 #include "diagnose/refine.h"
-#include "diagnose/screen.h"
 #include "diagnose/trace.h"
-#include "diagnose/unit_map.h"
+#include "diagnose/unit_map_hypotheses.h"
 
 namespace binrig {
 namespace {
@@ -39,6 +36,7 @@ class Search {
         options_(options),
         refiner_{experiment, motions, rung, measured, options.seeds, options.seed},
         count_(static_cast<int>(hypotheses.tested.size())),
+        unit_maps_(experiment, rung, measured, hypotheses, options.seed + 80),
         left_(rung.dispersion) {}
 
   SearchResult run() {
@@ -57,35 +55,6 @@ class Search {
   }
 
  private:
-  /// Of the hypotheses that draw a map.
-  void learn_unit_maps() {
-    std::vector<StatVector> without;
-    for (int h = 0; h < count_; ++h) {
-      const Hypothesis& hypothesis = hypotheses_.tested[h];
-      if (!hypothesis.declaration->per_unit_map) continue;
-      const auto simulate = [&](const SensorModel& model) {
-        return experiment_.simulate(UnitMap::trials_of(rung_, model, options_.seed + 80), "simulating units");
-      };
-      if (without.empty()) without = simulate(rung_.model);
-      UnitMap map(experiment_.layout(), rung_, without, simulate(added(h)));
-      if (map.gain(rung_.rest, rung_.rest).train > worth_a_look) {
-        UnitMapFit fit =
-            fit_unit_map(experiment_, rung_, hypothesis, result_.linear[h].values, without, options_.seed + 80);
-        result_.linear[h].values = fit.values;
-        map_deviations_[h] = std::move(fit.deviation);
-        map = std::move(fit.map);
-      }
-      if (map.looks_random(rung_.rest) && (map.gain(rung_.rest, rung_.rest, "bias").train < worth_a_look || !shaped()))
-        map_gains_[h] = map.gain(rung_.rest, rung_.rest);
-      maps_.emplace(h, std::move(map));
-    }
-  }
-
-  bool shaped() {
-    if (!shaped_) shaped_ = has_simple_shape(experiment_, rung_, measured_.all);
-    return *shaped_;
-  }
-
   /// The rung's model with a hypothesis where the linear view puts it.
   SensorModel added(int h) const {
     return with_effect(rung_.model, experiment_.forward().catalogue(), hypotheses_.tested[h].effect,
@@ -96,14 +65,13 @@ class Search {
   void hold_signatures_against_residual() {
     const Ranking ranking(experiment_, rung_, hypotheses_, signatures_);
     result_.linear = ranking.gains(rung_.rest, rung_.nuisances);
-    learn_unit_maps();
-    for (const auto& [h, gain] : map_gains_) result_.linear[h].gain += gain.train;
+    unit_maps_.learn(result_.linear);
     result_.null_gains.resize(count_);
     for (const auto& null : rung_.nulls) {
       const Explained explained = rung_.train.explain(null);
       const Whitened& rest = explained.rest;
       auto gains = ranking.gains(rest, explained.values);
-      for (const auto& [h, map] : maps_) gains[h].gain += map.gain(rest, rest).train;
+      unit_maps_.add_gains(rest, gains);
       for (int h = 0; h < count_; ++h) result_.null_gains[h].push_back(gains[h].gain);
     }
     for (int h = 0; h < count_; ++h) {
@@ -165,7 +133,7 @@ class Search {
       const double nominal = remainder_of(refiner_, rung_.model, {}, {}).train;
       for (auto& [gain, h] : list) {
         const double linear = gain;
-        gain = nominal - remainder_of(refiner_, added(h), {}, {}).train + map_gain(h).train;
+        gain = nominal - remainder_of(refiner_, added(h), {}, {}).train + unit_maps_.gain(h).train;
         if (!tracing()) continue;
         fmt::print(stderr, "  {} linear {:.0f} simulated {:.0f}:", hypotheses_.tested[h].effect, linear, gain);
         for (const auto& [name, value] : result_.linear[h].values) fmt::print(stderr, " {} {:.4g}", name, value);
@@ -185,25 +153,6 @@ class Search {
     result_.linear[h].gain = gain;
   }
 
-  UnitMap::Gain map_gain(int h) const { return map_gains_.count(h) ? map_gains_.at(h) : UnitMap::Gain{}; }
-
-  /// The rung's model with the effect as its map has it.
-  RefinedFit given_by_map(int h) const {
-    RefinedFit result;
-    result.fit.model = rung_.model;
-    EffectInstance& instance = add_effect(result.fit.model, experiment_.forward().catalogue(),
-                                          hypotheses_.tested[h].effect, result_.linear[h].values);
-    result.id = instance.id;
-    for (const auto& [name, deviation] : map_deviations_.at(h)) {
-      ParameterValue& value = instance.values[name];
-      const ParameterSpec& spec = *hypotheses_.tested[h].declaration->parameter(name);
-      const double factor = std::exp(1.96 * deviation);
-      value.ci95 = {{std::clamp(value.value / factor, spec.lower, spec.upper),
-                     std::clamp(value.value * factor, spec.lower, spec.upper)}};
-    }
-    return result;
-  }
-
   /// What a refined hypothesis gains, by simulation.
   void judge(RefinedFit fitted, int h) {
     Refined refined;
@@ -218,13 +167,13 @@ class Search {
     const bool doubted = refined.linear_gain / rung_.dispersion - refined.price < own_gate_[h];
     refined.gate = (doubted ? options_.beyond_doubt : 1) * own_gate_[h];
     refined.p = result_.p_values[h];
-    refined.random_map = !maps_.count(h) || map_gains_.count(h);
-    refined.given_by_map = map_deviations_.count(h);
+    refined.random_map = unit_maps_.looks_random(h);
+    refined.given_by_map = unit_maps_.gives_parameters(h);
     Refiner refiner = refiner_;
     if (hypotheses_.tested[h].declaration->needs.repeats) refiner.seeds *= 4;  // it happens, or does not
     const Remainder with = registered_remainder(refiner, refined.model);
-    refined.train_gain = (base_.train - with.train + map_gain(h).train) / rung_.dispersion;
-    refined.test_gain = (base_.test - with.test + map_gain(h).test) / rung_.dispersion;
+    refined.train_gain = (base_.train - with.train + unit_maps_.gain(h).train) / rung_.dispersion;
+    refined.test_gain = (base_.test - with.test + unit_maps_.gain(h).test) / rung_.dispersion;
     const double excess = base_.train * (1 - 1 / rung_.dispersion);
     if (excess > 0) refined.share = refined.train_gain * rung_.dispersion / excess;
     refined.change = with.mean;
@@ -247,8 +196,8 @@ class Search {
                                              [](const ParameterSpec& spec) { return !spec.interpolate; });
       if (gain < (to_be_scanned ? 0.5 : 1) * options_.hopeless * most_explained) continue;
       const Hypothesis& hypothesis = hypotheses_.tested[h];
-      if (map_deviations_.count(h)) {
-        judge(given_by_map(h), h);
+      if (unit_maps_.gives_parameters(h)) {
+        judge(unit_maps_.given_by_map(h, result_.linear[h].values), h);
       } else {
         if (!has_place(*hypothesis.declaration)) look_close_by(h);
         judge(refine(refiner_, hypothesis, result_.linear[h]), h);
@@ -283,11 +232,7 @@ class Search {
   const Refiner refiner_;
   const int count_;
   SearchResult result_;
-  static constexpr double worth_a_look = 30;                     // gain of chi
-  std::optional<bool> shaped_;                                   // the bias has a simple shape
-  std::map<int, UnitMap> maps_;                                  // by hypothesis
-  std::map<int, UnitMap::Gain> map_gains_;                       // of those that look random
-  std::map<int, std::map<std::string, double>> map_deviations_;  // of parameters that their maps gave
+  UnitMapHypotheses unit_maps_;
   std::vector<double> own_gate_;
   Remainder base_;
   double left_;  // dispersion, by the best so far

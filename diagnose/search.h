@@ -19,7 +19,7 @@ struct Refined {
   double train_gain = 0, test_gain = 0;  ///< of chi, by simulation, dispersion divided out
   double share = 1;                      ///< of the excess over the model's own randomness on train that train_gain is
   PValue p;
-  bool random_map = true;    ///< false: it draws a map of the unit, but what is fixed in the image looks like none
+  bool random_map = true;  ///< false: it draws a map of the unit, but what is fixed in the image looks like none
   /// Its parameters are those of a map that was recognised, with intervals: nothing else says more of them.
   bool given_by_map = false;
   Whitened change;           ///< what it moves, all captures

@@ -27,8 +27,8 @@ bench::Recording record(const SceneForwardModel& forward, const SensorModel& ins
                         std::uint64_t seed);
 
 /// Frames that were really recorded, with effects hidden in them: on top of all that the instrument did. `model` says
-/// where the projector is. Throws Error for an effect that is no matter of depth once measured (a lens, how strong noise
-/// is), and what reading frames throws.
+/// where the projector is. Throws Error for an effect that is no matter of depth once measured (a lens, how strong
+/// noise is), and what reading frames throws.
 bench::Recording record_on_top(const SceneForwardModel& forward, const SensorModel& model,
                                const std::vector<HiddenEffect>& hidden, std::uint64_t seed);
 

@@ -1,0 +1,49 @@
+// The hypotheses of a search that draw a map of the unit: learned, judged and fitted by what the map looks like.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <vector>
+
+#include "diagnose/refine.h"
+#include "diagnose/unit_map.h"
+
+namespace binrig {
+
+/// All of the constructor's arguments must outlive it.
+class UnitMapHypotheses {
+ public:
+  UnitMapHypotheses(const Experiment& experiment, const Rung& rung, const Measurement& measured,
+                    const Hypotheses& hypotheses, std::uint64_t seed);
+
+  /// Simulates units with each of these hypotheses where the linear view puts it; where there is a map worth a look,
+  /// its parameters are written to `linear`. Gains of maps that look random are added to theirs. Throws what simulating
+  /// throws.
+  void learn(std::vector<LinearGain>& linear);
+  /// What the maps gain of a residual in which nothing is missing, added to each one's gain. `rest`: of Rung::train.
+  void add_gains(const Whitened& rest, std::vector<LinearGain>& gains) const;
+
+  /// Of hypothesis h on the data; nothing if it draws no map or none that looks random.
+  UnitMap::Gain gain(int h) const;
+  /// False: it draws a map, but what is fixed in the image looks like none.
+  bool looks_random(int h) const { return !maps_.count(h) || gains_.count(h); }
+  /// The map says what there is to know of its parameters.
+  bool gives_parameters(int h) const { return deviations_.count(h); }
+  /// The rung's model with the effect as its map has it: `values` with the intervals of those fitted.
+  RefinedFit given_by_map(int h, const std::map<std::string, double>& values) const;
+
+ private:
+  bool shaped();
+
+  const Experiment& experiment_;
+  const Rung& rung_;
+  const Measurement& measured_;
+  const Hypotheses& hypotheses_;
+  const std::uint64_t seed_;
+  std::optional<bool> shaped_;                               // the bias has a simple shape
+  std::map<int, UnitMap> maps_;                              // by hypothesis
+  std::map<int, UnitMap::Gain> gains_;                       // of those that look random
+  std::map<int, std::map<std::string, double>> deviations_;  // of parameters that their maps gave
+};
+
+}  // namespace binrig
