@@ -25,6 +25,7 @@ constexpr double leaves_something = 1.05;   // dispersion
 constexpr double close_behind = 0.9;        // share of the best one's gain
 constexpr double least_fall = 0.02;         // share of what is left of the held-out score
 constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
+constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
 constexpr double least_proper_gain = 0.01;  // an element
 
 CandidateReport report_of(const Refined& refined, int null_count) {
@@ -197,7 +198,8 @@ class Climb {
     const bool by_its_map = accepted.map && accepted.map_looks_random;
     const double excess = std::max(0.0, before - 1);
     const bool falls = after <= before - (unproven ? unproven_fall : least_fall) * excess;
-    const bool falls_properly = proper <= proper_before - least_proper_gain;
+    const bool falls_properly =
+        proper <= proper_before - least_proper_gain && after < before + std::max(hardly_rises, least_fall * excess);
     if (!falls && (unproven || !(by_its_map || falls_properly))) {
       diagnosis_.warnings.push_back(
           fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "

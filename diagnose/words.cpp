@@ -20,9 +20,15 @@ std::string times(double ratio) { return ratio < 10 ? fmt::format("{:.2g}", rati
 std::string fall(const Diagnosis& diagnosis) {
   if (diagnosis.ladder.size() < 2) return "";
   const Score &before = diagnosis.ladder.front().score, &after = diagnosis.ladder.back().score;
+  const char* them = diagnosis.ladder.size() == 2 ? "it" : "them";
   std::string text =
-      fmt::format("adding {} takes the error on captures held out from {:.2g} to {:.2g} (the floor is 1)",
-                  diagnosis.ladder.size() == 2 ? "it" : "them", before.heldout, after.heldout);
+      after.heldout < before.heldout
+          ? fmt::format("adding {} takes the error on captures held out from {:.2g} to {:.2g} (the floor is 1)", them,
+                        before.heldout, after.heldout)
+          : fmt::format(
+                "with {} the recording is likelier, but the error on captures held out stays where it was "
+                "({:.3g}, then {:.3g}; the floor is 1)",
+                them, before.heldout, after.heldout);
   if (after.bias_rms_mm < 0.7 * before.bias_rms_mm)
     text += fmt::format(", their mean depth error from {:.2g} to {:.2g} mm", before.bias_rms_mm, after.bias_rms_mm);
   return text;

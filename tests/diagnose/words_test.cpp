@@ -40,6 +40,14 @@ TEST(Words, AMeanDepthErrorThatStaysIsNotMentioned) {
   EXPECT_THAT(diagnosis.headline, Not(HasSubstr("mean depth error")));
 }
 
+TEST(Words, AnErrorThatDoesNotFallIsNotSoldAsAFall) {
+  Diagnosis diagnosis = one_added(0.08, 0.08);
+  diagnosis.ladder[1].score.heldout = 3.16;
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_THAT(diagnosis.headline, Not(HasSubstr("takes the error")));
+  EXPECT_THAT(diagnosis.headline, HasSubstr("stays where it was (3.14, then 3.16"));
+}
+
 TEST(Words, WhatNoHeldOutCaptureShowsIsSaidWithTheCaptureToRecord) {
   Diagnosis diagnosis;
   diagnosis.verdict = Verdict::unknown_effect;
@@ -66,6 +74,10 @@ TEST(SearchResult, WhatTestCannotShowIsUnconfirmedAndWhatItContradictsIsNot) {
   EXPECT_EQ(found.accepted(options)[0], &found.refined[0]);
   ASSERT_EQ(found.unconfirmed(options).size(), 1u);
   EXPECT_EQ(found.unconfirmed(options)[0], &found.refined[1]) << "the third fails on test, the fourth is chance";
+  ASSERT_EQ(found.unproven(options).size(), 1u);
+  EXPECT_EQ(found.unproven(options)[0], &found.refined[2]) << "what fails beside bent parameters is fitted with them";
+  found.refined[2].gate = 260;
+  EXPECT_TRUE(found.unproven(options).empty()) << "but only where train leaves no doubt";
 }
 
 }  // namespace
