@@ -336,29 +336,6 @@ Eigen::VectorXd Descent::within_bounds(Eigen::VectorXd x) const {
   return x;
 }
 
-FitState Descent::follow(FitState state, int steps) {
-  if (static_cast<int>(fit_.slopes.size()) != n_ || n_ == 0) return state;
-  std::swap(now_, state);
-  const auto parameters = parameters_;  // linearise() writes to these
-  const auto paused = fit_.paused;
-  const Eigen::MatrixXd precision = fit_.precision;
-  for (int k = 0; k < steps; ++k) {
-    Eigen::MatrixXd a;
-    Eigen::VectorXd b, lower, upper;
-    linearise(a, b);
-    box(lower, upper);
-    a.diagonal() *= 1.01;
-    FitState next = evaluate(now_.value + minimum_in_box(a, b, lower, upper));
-    if (next.chi > now_.chi - least_gain) break;
-    now_ = std::move(next);
-  }
-  parameters_ = parameters;
-  fit_.paused = paused;
-  fit_.precision = precision;
-  std::swap(now_, state);
-  return state;
-}
-
 double Descent::stretch(const Eigen::VectorXd& from) {
   const double chi = now_.chi;
   for (;;) {

@@ -46,9 +46,6 @@ class Descent {
   /// Share of the captures in which a parameter changed anything; 1 where that was not asked.
   double touched_share(int parameter) const;
 
-  /// Where the fitted parameters go from a state that differs in one that is not fitted: at most so many steps on the
-  /// slopes known from elsewhere, as long as chi falls. Where there are none yet, the state itself.
-  FitState follow(FitState state, int steps);
   /// Goes down until chi falls by less than FitOptions::converged.
   void run();
   /// What was found; the walk is over.

@@ -90,14 +90,11 @@ class Seeker {
     return true;
   }
 
-  /// Tries a value of a parameter that is not fitted; keeps it if chi falls. Returns by how much it does. `followed`:
-  /// the fitted ones go along, if it is not hopeless.
-  double try_value(const std::string& id, const ParameterSpec& spec, double wanted, bool followed = false) {
-    constexpr double hopeless = 1.5;  // times the chi of the best one
+  /// Tries a value of a parameter that is not fitted; keeps it if chi falls. Returns by how much it does.
+  double try_value(const std::string& id, const ParameterSpec& spec, double wanted) {
     wanted = std::clamp(wanted, spec.lower, spec.upper);
     if (wanted == value(id, spec)) return -std::numeric_limits<double>::infinity();
     FitState next = descent_.evaluate(id, spec.name, wanted);
-    if (followed && next.chi < hopeless * descent_.now().chi) next = descent_.follow(std::move(next), 3);
     if (tracing())
       fmt::print(stderr, "  {}.{} = {:.5g}: chi {:.0f} (best {:.0f})\n", id, spec.name, wanted, next.chi,
                  descent_.now().chi);
@@ -128,8 +125,7 @@ class Seeker {
     constexpr int places = 21;  // over 5 octaves: every power of two
     constexpr double closest = 1.003;
     const double ratio = std::pow(spec.typical_high / spec.typical_low, 1.0 / (places - 1));
-    // What the fitted ones were bent to beside one step would hide that another is right.
-    for (int k = 0; k < places; ++k) try_value(id, spec, spec.typical_low * std::pow(ratio, k), true);
+    for (int k = 0; k < places; ++k) try_value(id, spec, spec.typical_low * std::pow(ratio, k));
     double r = std::sqrt(ratio);
     while (r > closest) {
       const double best = value(id, spec);

@@ -133,7 +133,11 @@ class Search {
       const double nominal = remainder_of(refiner_, rung_.model, {}, {}).train;
       for (auto& [gain, h] : list) {
         const double linear = gain;
-        gain = nominal - remainder_of(refiner_, added(h), {}, {}).train + unit_maps_.gain(h).train;
+        const auto simulated = [&] {
+          return nominal - remainder_of(refiner_, added(h), {}, {}).train + unit_maps_.gain(h).train;
+        };
+        gain = simulated();
+        weaken(h, gain, linear, simulated);
         if (!tracing()) continue;
         fmt::print(stderr, "  {} linear {:.0f} simulated {:.0f}:", hypotheses_.tested[h].effect, linear, gain);
         for (const auto& [name, value] : result_.linear[h].values) fmt::print(stderr, " {} {:.4g}", name, value);
@@ -145,6 +149,27 @@ class Search {
     for (const Listed& one : doubtful)
       if (static_cast<int>(list.size()) < options_.refine) list.push_back(one);
     return list;
+  }
+
+  /// Rare events weigh more in stabilised statistics the fewer they are, and what doubles a variance does not double
+  /// its logarithm: the linear view goes too far. A hypothesis that disappoints is simulated weaker, too.
+  template <typename Simulated>
+  void weaken(int h, double& gain, double promised, const Simulated& simulated) {
+    constexpr double disappointing = 0.5, weaker = 0.3;
+    const EffectDeclaration& effect = *hypotheses_.tested[h].declaration;
+    const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
+    if (!amplitude || !amplitude->interpolate) return;
+    double& value = result_.linear[h].values[amplitude->name];
+    for (int k = 0; k < 3 && gain < disappointing * promised; ++k) {
+      const double before = value;
+      value = std::max(amplitude->lower, weaker * value);
+      const double its = simulated();
+      if (its <= gain) {
+        value = before;
+        return;
+      }
+      gain = its;
+    }
   }
 
   void look_close_by(int h) {
