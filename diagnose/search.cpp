@@ -121,7 +121,8 @@ class Search {
       const double gain = result_.linear[h].gain, above_price = gain / rung_.dispersion - result_.prices[h];
       if (above_price >= own_gate_[h])
         list.push_back({gain, h});
-      else if (above_price >= std::max(options_.least_train_gain, options_.doubtful * own_gate_[h]) &&
+      else if (result_.prices[h] < options_.least_train_gain &&  // where chance gains much, fitting it gains more
+               above_price >= std::max(options_.least_train_gain, options_.doubtful * own_gate_[h]) &&
                static_cast<int>(doubtful.size()) < options_.doubted)
         doubtful.push_back({gain, h});
     }
@@ -227,7 +228,9 @@ class Search {
         if (!has_place(*hypothesis.declaration)) look_close_by(h);
         judge(refine(refiner_, hypothesis, result_.linear[h]), h);
       }
-      most_explained = std::max(most_explained, result_.refined.back().train_gain * rung_.dispersion);
+      // What fails on the captures held out must not keep others from being tried.
+      if (result_.refined.back().test_gain > options_.least_test_gain)
+        most_explained = std::max(most_explained, result_.refined.back().train_gain * rung_.dispersion);
     }
   }
 

@@ -61,11 +61,16 @@ Eigen::MatrixXd cosines(int n) {
   return m;
 }
 
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+RowMajor transform(const std::vector<double>& map, int cols) {
+  const int rows = static_cast<int>(map.size()) / cols;
+  return cosines(rows) * Eigen::Map<const RowMajor>(map.data(), rows, cols) * cosines(cols).transpose();
+}
+
 UnitMap::Spectrum spectrum_of(const std::vector<double>& map, int cols) {
   const int rows = static_cast<int>(map.size()) / cols;
-  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  const RowMajor transformed =
-      cosines(rows) * Eigen::Map<const RowMajor>(map.data(), rows, cols) * cosines(cols).transpose();
+  const RowMajor transformed = transform(map, cols);
   UnitMap::Spectrum spectrum;
   const auto modes = modes_of(rows, cols);
   spectrum.power.resize(modes.size(), 0);
@@ -75,6 +80,25 @@ UnitMap::Spectrum spectrum_of(const std::vector<double>& map, int cols) {
   }
   spectrum.kurtosis = kurtosis_of(map);
   return spectrum;
+}
+
+/// Squares of the cosines that are constant along columns, or along rows, over what is expected in their rings: by how
+/// many standard deviations the larger sum is beyond its number. Bands stand out there, however weak they are.
+double band_excess(const std::vector<double>& map, int cols, const std::vector<double>& expected) {
+  const RowMajor transformed = transform(map, cols);
+  const int rows = static_cast<int>(map.size()) / cols;
+  double most = 0;
+  for (const bool along_row : {true, false}) {
+    double sum = 0, count = 0;
+    for (int k = 1; k < (along_row ? cols : rows); ++k) {
+      const int row = along_row ? 0 : k, col = along_row ? k : 0, ring = ring_of(row, col, rows, cols);
+      if (ring < 1) continue;  // where poses and lens take their part
+      sum += transformed(row, col) * transformed(row, col) / std::max(expected[ring], 1e-12);
+      count += 1;
+    }
+    if (count > 0) most = std::max(most, (sum - count) / std::sqrt(2 * count));
+  }
+  return most;
 }
 
 }  // namespace
@@ -256,12 +280,20 @@ UnitMap::Gain UnitMap::gain(const Whitened& train, const Whitened& test, const s
 
 bool UnitMap::looks_random(const Whitened& rest) const {
   constexpr double by_chance = 1e-4;
+  constexpr double most_bands = 8;  // squares of some fifty cosines, and rings a third wide
   for (std::size_t s = 0; s < segments_.size(); ++s) {
     const Segment& segment = segments_[s];
     double noise = 0;
     const auto map = map_of(segment, rest, noise);
+    const Match found = match(static_cast<int>(s), rest, segment.spectrum);
+    std::vector<double> expected(segment.noise_power);
+    for (std::size_t r = 0; r < expected.size(); ++r)
+      expected[r] += std::exp(found.log_scale) * segment.spectrum.power[r];
+    const double bands = band_excess(map, segment.cols, expected);
+    if (tracing()) fmt::print(stderr, "  unit map in {}: bands stand out by {:.1f}\n", segment.name, bands);
+    if (bands > most_bands) return false;
     if (sum_of_squares(map) < 2 * noise) continue;  // too little of a map to judge it
-    const double misfit = match(static_cast<int>(s), rest, segment.spectrum).misfit;
+    const double misfit = found.misfit;
     const double most = chi_square_threshold(by_chance, static_cast<double>(segment.spectrum.power.size()));
     const double kurtosis = kurtosis_of(map), usual = segment.spectrum.kurtosis;
     if (tracing())
