@@ -188,30 +188,39 @@ class Climb {
     // lowers neither the held-out score there nor the proper score is no improvement, whatever its gain said. Scores
     // are of a typical unit: a map that was learned on train and came back on the captures held out is not in them.
     const double proper_before = proper_score(layout, rung);
-    const std::string effect = best->effect;
-    rungs_.push_back(std::move(next));
-    const auto judged = scores(layout, rungs_.back(), measured_.all, rungs_);
-    const double before = judged[judged.size() - 2].heldout, after = judged.back().heldout;
-    if (tracing())
-      fmt::print(stderr, "  {} added: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", effect, before, after,
-                 proper_before, proper);
     const bool by_its_map = accepted.map && accepted.map_looks_random;
-    const double excess = std::max(0.0, before - 1);
-    const bool falls = after <= before - (unproven ? unproven_fall : least_fall) * excess;
-    const bool falls_properly =
-        proper <= proper_before - least_proper_gain && after < before + std::max(hardly_rises, least_fall * excess);
-    if (!falls && (unproven || !(by_its_map || falls_properly))) {
+    double before = 0, after = 0;
+    const auto improves = [&] {
+      const auto judged = scores(layout, rungs_.back(), measured_.all, rungs_);
+      before = judged[judged.size() - 2].heldout, after = judged.back().heldout;
+      if (tracing())
+        fmt::print(stderr, "  {} added: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", best->effect, before,
+                   after, proper_before, proper);
+      const double excess = std::max(0.0, before - 1);
+      const bool falls = after <= before - (unproven ? unproven_fall : least_fall) * excess;
+      const bool falls_properly =
+          proper <= proper_before - least_proper_gain && after < before + std::max(hardly_rises, least_fall * excess);
+      return falls || (!unproven && (by_its_map || falls_properly));
+    };
+    rungs_.push_back(std::move(next));
+    bool accept = improves();
+    if (!accept) {  // what is weak hardly bent the others: beginning anew may have cost more than it gains
+      rungs_.back() = with_added(rungs_[rungs_.size() - 2], *best, false);
+      proper = proper_score(layout, rungs_.back());
+      accept = improves();
+    }
+    if (!accept) {
       diagnosis_.warnings.push_back(
           fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "
                       "({:.3g} to {:.3g})",
-                      effect, before, after));
+                      best->effect, before, after));
       rungs_.pop_back();
       return false;
     }
     hold(*best, rung_options_);
     diagnosis_.candidates.push_back(report);
     evidence_.accepted.push_back(accepted);
-    added_.push_back(effect);
+    added_.push_back(best->effect);
     return true;
   }
 
@@ -229,15 +238,16 @@ class Climb {
   }
 
   /// The rung's model with a hypothesis added, everything fitted again. What the model had before was bent to make up
-  /// for what was missing: it begins anew where the user put it.
-  Rung with_added(const Rung& rung, const Refined& hypothesis) const {
+  /// for what was missing: it begins anew where the user put it, or stays where it is.
+  Rung with_added(const Rung& rung, const Refined& hypothesis, bool anew = true) const {
     RungOptions options = rung_options_;
     options.added = hypothesis.id;
     options.narrow = narrow_of(rung.fit.parameters);
     hold(hypothesis, options);
     SensorModel start = hypothesis.model;
-    for (auto& instance : start.effects)
-      if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
+    if (anew)
+      for (auto& instance : start.effects)
+        if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
     return fit_rung(experiment_, motions_, measured_, start, rung.offsets, options);
   }
 
