@@ -130,7 +130,6 @@ class Climb {
 
   /// Adds the best hypothesis and fits everything again; false if there is none, or if it lowers no held-out score.
   bool step_up() {
-    const Layout& layout = experiment_.layout();
     const Rung& rung = rungs_.back();
     look_closer(rung);
     const auto [hypotheses, signatures] = left();
@@ -155,22 +154,7 @@ class Climb {
     if (unproven) worthy = found.unproven(search_options_);
     if (worthy.empty()) return false;
 
-    // The runner-up is tried, too, where the best leaves anything: a model's bent parameters may have favoured the
-    // wrong one.
-    const Refined* best = worthy[0];
-    Rung next = with_added(rung, *best);
-    double proper = proper_score(layout, next);
-    const auto runner_up = std::find_if(worthy.begin(), worthy.end(),
-                                        [&](const Refined* other) { return other->effect != worthy[0]->effect; });
-    if (next.dispersion > leaves_something && runner_up != worthy.end() &&
-        (*runner_up)->score() > close_behind * best->score()) {
-      Rung other = with_added(rung, **runner_up);
-      const double its = proper_score(layout, other);
-      if (tracing())
-        fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", best->effect, next.dispersion,
-                   proper, (*runner_up)->effect, other.dispersion, its);
-      if (its < proper) best = *runner_up, next = std::move(other), proper = its;
-    }
+    auto [best, next] = choose(rung, worthy);
 
     CandidateReport report = report_of(*best, static_cast<int>(rung.nulls.size()));
     Evidence::Accepted accepted{best->effect, false, best->random_map, {}};
@@ -184,17 +168,48 @@ class Climb {
     report.confounded_with = accepted.rivals;
     if (!accepted.rivals.empty()) seek_captures(report, rung, found, *best);
 
-    // The gain was computed with the scale of the rung before; the ladder judges by the last one's. An addition that
-    // lowers neither the held-out score there nor the proper score is no improvement, whatever its gain said. Scores
-    // are of a typical unit: a map that was learned on train and came back on the captures held out is not in them.
-    const double proper_before = proper_score(layout, rung);
-    const bool by_its_map = accepted.map && accepted.map_looks_random;
+    if (!climb(*best, std::move(next), accepted.map && accepted.map_looks_random, unproven)) return false;
+    hold(*best, rung_options_);
+    diagnosis_.candidates.push_back(report);
+    evidence_.accepted.push_back(accepted);
+    added_.push_back(best->effect);
+    return true;
+  }
+
+  /// The one that is added, and the rung with it. The runner-up is tried, too, where the best leaves anything: a
+  /// model's bent parameters may have favoured the wrong one.
+  std::pair<const Refined*, Rung> choose(const Rung& rung, const std::vector<const Refined*>& worthy) const {
+    const Refined* best = worthy[0];
+    Rung next = with_added(rung, *best);
+    const auto runner_up =
+        std::find_if(worthy.begin(), worthy.end(), [&](const Refined* other) { return other->effect != best->effect; });
+    if (next.dispersion <= leaves_something || runner_up == worthy.end() ||
+        (*runner_up)->score() <= close_behind * best->score())
+      return {best, std::move(next)};
+    Rung other = with_added(rung, **runner_up);
+    const double proper = proper_score(experiment_.layout(), next), its = proper_score(experiment_.layout(), other);
+    if (tracing())
+      fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", best->effect, next.dispersion,
+                 proper, (*runner_up)->effect, other.dispersion, its);
+    if (its < proper) return {*runner_up, std::move(other)};
+    return {best, std::move(next)};
+  }
+
+  /// Puts a rung on the ladder; false, and the ladder as it was, if that makes it no better. The gain was computed with
+  /// the scale of the rung before; the ladder judges by the last one's. An addition that lowers neither the held-out
+  /// score there nor the proper score is no improvement, whatever its gain said. Scores are of a typical unit: a map
+  /// that was learned on train and came back on the captures held out (`by_its_map`) is not in them.
+  bool climb(const Refined& best, Rung next, bool by_its_map, bool unproven) {
+    rungs_.push_back(std::move(next));
     double before = 0, after = 0;
     const auto improves = [&] {
-      const auto judged = scores(layout, rungs_.back(), measured_.all, rungs_);
+      const Rung &last = rungs_.back(), &previous = rungs_[rungs_.size() - 2];
+      const double proper = proper_score(experiment_.layout(), last),
+                   proper_before = proper_score(experiment_.layout(), previous);
+      const auto judged = scores(experiment_.layout(), last, measured_.all, rungs_);
       before = judged[judged.size() - 2].heldout, after = judged.back().heldout;
       if (tracing())
-        fmt::print(stderr, "  {} added: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", best->effect, before,
+        fmt::print(stderr, "  {} added: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", best.effect, before,
                    after, proper_before, proper);
       const double excess = std::max(0.0, before - 1);
       const bool falls = after <= before - (unproven ? unproven_fall : least_fall) * excess;
@@ -202,26 +217,16 @@ class Climb {
           proper <= proper_before - least_proper_gain && after < before + std::max(hardly_rises, least_fall * excess);
       return falls || (!unproven && (by_its_map || falls_properly));
     };
-    rungs_.push_back(std::move(next));
-    bool accept = improves();
-    if (!accept) {  // what is weak hardly bent the others: beginning anew may have cost more than it gains
-      rungs_.back() = with_added(rungs_[rungs_.size() - 2], *best, false);
-      proper = proper_score(layout, rungs_.back());
-      accept = improves();
-    }
-    if (!accept) {
-      diagnosis_.warnings.push_back(
-          fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "
-                      "({:.3g} to {:.3g})",
-                      best->effect, before, after));
-      rungs_.pop_back();
-      return false;
-    }
-    hold(*best, rung_options_);
-    diagnosis_.candidates.push_back(report);
-    evidence_.accepted.push_back(accepted);
-    added_.push_back(best->effect);
-    return true;
+    if (improves()) return true;
+    // What is weak hardly bent the others: beginning anew may have cost more than it gains.
+    rungs_.back() = with_added(rungs_[rungs_.size() - 2], best, false);
+    if (improves()) return true;
+    diagnosis_.warnings.push_back(
+        fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "
+                    "({:.3g} to {:.3g})",
+                    best.effect, before, after));
+    rungs_.pop_back();
+    return false;
   }
 
   /// Captures that would tell an effect from the first of those it is confounded with.

@@ -64,7 +64,8 @@ class UnitMap {
 
   /// Is the map estimated from a residual (all captures) like those of simulated units, by the distribution of its
   /// values and by its spectrum, whatever its strength? A step or a wave is no random map, a spot is no scatter of dead
-  /// pixels, and rings or a spiral have a scale of their own.
+  /// pixels, rings or a spiral have a scale of their own, and bands stand out among the cosines that are constant along
+  /// rows or columns, by more than 8 standard deviations of their squares' sum.
   bool looks_random(const Whitened& rest) const;
 
  private:
