@@ -10,6 +10,7 @@
 #include "compare/probability.h"
 #include "core/error.h"
 #include "diagnose/last_step.h"
+#include "diagnose/profile.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
@@ -79,6 +80,7 @@ class Calibrator {
     constexpr double wrong = 4;  // times its own randomness: a model so far off is not worth the last digit
     Calibration result;
     result.rung = fit_rung(experiment_, motions_, measured_, start_, {}, rung_options_);
+    comb_steps(result.rung);
     first_ = result.rung.fit.parameters;
     for (int round = 0;; ++round) {
       last_ = last_step(experiment_, motions_, result.rung, first_, series_, rung_options_.seed);
@@ -94,6 +96,7 @@ class Calibrator {
     report(result.rung);
     widen(result.rung);
     bound_strengths(result.rung);
+    choose_rough_strengths(result.rung);
     for (const auto& [id, spec] : steps_)
       if (!entry_of(id, spec->name).determined()) choose_step(result.rung, id, *spec);
     write();
@@ -254,49 +257,138 @@ class Calibrator {
     return fit_model(experiment_, rung.standard, last_.metric, rung.data, changed, {}, rung.offsets, quick(rung)).chi;
   }
 
-  /// Values between which nothing moves smoothly are tried one by one: whole numbers by ones, others by factors. The
-  /// interval is where chi is within 95 % of the best one's.
-  void choose_step(const Rung& rung, const std::string& id, const ParameterSpec& spec) {
-    double best = model_.find(id)->value(spec.name);
-    const bool whole = spec.kind == ParameterKind::integer;
-    std::map<double, double> seen;
-    const auto ask = [&](double at) {
-      at = std::clamp(whole ? std::round(at) : at, spec.lower, spec.upper);
-      const auto known = seen.find(at);
-      const double chi = known != seen.end() ? known->second : seen[at] = chi_with(rung, id, spec.name, at);
-      if (chi < seen.at(best)) best = at;
+  /// Tries values about the best one so far, near and far, until none is better, and then further out until both sides
+  /// are ruled out.
+  void explore(Profile& profile, const std::string& id, const ParameterSpec& spec, double unit,
+               const std::vector<double>& reaches) const {
+    constexpr int most_moves = 4, most_doublings = 6;
+    const bool logarithmic = spec.log_scaled && spec.kind != ParameterKind::integer;
+    const auto ask = [&](double from, double reach) {
+      double at = logarithmic && from > 0 ? from * std::exp(reach * unit) : from + reach * unit;
+      at = std::clamp(spec.kind == ParameterKind::integer ? std::round(at) : at, spec.lower, spec.upper);
+      SensorModel changed = model_;
+      value_in(changed, id, spec.name).value = at;
+      const double chi = profile.ask(at, changed);
+      if (tracing()) fmt::print(stderr, "{}.{} = {:.5g}: chi {:.1f}\n", id, spec.name, at, chi);
+      return at;
     };
-    seen[best] = chi_with(rung, id, spec.name, best);
-    const double scale = std::abs(spec.typical_high - spec.typical_low);
-    const auto away = [&](double at, int k) {
-      if (whole) return at + k;
-      const double share = std::copysign(std::array{0.0, 0.004, 0.016, 0.06}[std::abs(k)], k);
-      return spec.log_scaled && at > 0 ? at * std::exp(share) : at + share * scale;
-    };
-    for (int moves = 0; moves < 4; ++moves) {
-      const double middle = best;
-      for (int k : whole ? std::vector{-1, 1} : std::vector{-3, -2, -1, 1, 2, 3}) ask(away(middle, k));
-      if (best == middle) break;
+    double middle = ask(model_.find(id)->value(spec.name), 0);
+    for (int moves = 0; moves < most_moves; ++moves) {
+      for (const double reach : reaches) ask(middle, reach), ask(middle, -reach);
+      if (profile.best() == middle) break;
+      middle = profile.best();
     }
-    const double least = seen.at(best), limit = least + chi_95 * rung.dispersion;
-    if (std::all_of(seen.begin(), seen.end(), [&](const auto& s) { return s.second < limit; }))
-      for (double far : {spec.typical_low, spec.typical_high}) ask(far);
-    value_in(model_, id, spec.name).value = best;
+    double reach = reaches.back();
+    for (int k = 0; k < most_doublings && (profile.open_below() || profile.open_above()); ++k) {
+      reach *= 2;
+      const bool below = profile.open_below(), above = profile.open_above();
+      if (below) ask(middle, -reach);
+      if (above) ask(middle, reach);
+    }
+  }
+
+  /// A step meets the data in valleys narrower than anything that a fit tries: where the model is far off, all values
+  /// close to where it is and where it began are tried one by one, and the others fitted to the best.
+  void comb_steps(Rung& rung) const {
+    constexpr double far_off = 1.1;     // dispersion
+    constexpr double far_better = 100;  // of chi: what a wrong valley costs, and roughness not
+    RungOptions again = rung_options_;
+    again.passes = 1;
+    again.scan_ranges = false;
+    again.narrow = narrow_of(rung.fit.parameters);
+    std::vector<std::pair<std::string, const ParameterSpec*>>
+        combs;  // periods and places move smoothly near their best
+    for (const auto& [id, spec] : steps_)
+      if (spec->log_scaled && spec->kind != ParameterKind::integer &&
+          spec->name == start_.find(id)->declaration(catalogue_).amplitude) {
+        combs.emplace_back(id, spec);
+        again.fixed.push_back(id + "." + spec->name);
+      }
+    // A hundred steps within the range shift by a seventh of one, then by less.
+    for (const double spacing : {0.0015, 0.0004, 0.0001}) {
+      if (combs.empty() || rung.dispersion < far_off) break;
+      SensorModel model = rung.model;
+      double fall = 0;
+      for (const auto& [id, spec] : combs) fall += comb(rung, id, *spec, spacing, model);
+      if (fall < far_better * rung.dispersion) break;
+      rung = fit_rung(experiment_, motions_, measured_, model, rung.offsets, again);
+    }
+  }
+
+  /// Sets a step to the best of the values close to the model's and to the one it began with; by how much chi falls.
+  /// `spacing` is relative.
+  double comb(const Rung& rung, const std::string& id, const ParameterSpec& spec, double spacing,
+              SensorModel& model) const {
+    constexpr int values = 12;  // to either side
+    FitOptions options;
+    options.seed = rung_options_.seed + 500;
+    options.place = rung.place;
+    options.place.resize(motions_.size());
+    const Metric metric(layout_, Part::train, motion_rows(layout_, rung.standard, motions_));
+    const auto chi_at = [&](double value) {
+      SensorModel changed = model;
+      value_in(changed, id, spec.name).value = value;
+      return fit_model(experiment_, rung.standard, metric, rung.data, changed, {}, rung.offsets, options).chi;
+    };
+    const double reached = model.find(id)->value(spec.name), began = start_.find(id)->value(spec.name);
+    const double before = chi_at(reached);
+    double least = before;
+    for (const double middle : {reached, began})
+      for (int k = -values; k <= values; ++k) {
+        const double value = std::clamp(middle * (1 + spacing * k), spec.lower, spec.upper), chi = chi_at(value);
+        if (chi < least) least = chi, value_in(model, id, spec.name).value = value;
+      }
+    if (tracing())
+      fmt::print(stderr, "{}.{} combed: {:.5g}, then {:.5g}, chi {:.0f} less\n", id, spec.name, reached,
+                 model.find(id)->value(spec.name), before - least);
+    return before - least;
+  }
+
+  /// The best value tried, and where it lies for certain.
+  void take(const Profile& profile, const std::string& id, const ParameterSpec& spec) {
     CalibratedParameter& entry = entry_of(id, spec.name);
-    entry.value = best;
-    if (std::all_of(seen.begin(), seen.end(), [&](const auto& s) { return s.second < limit; })) {
+    if (profile.open_below() && profile.open_above()) {
+      entry.ci95.reset();
       entry.reason = "this recording says hardly anything about it";
       return;
     }
-    // Between the last value that holds and the first that does not, the bound is anywhere.
-    double low = spec.lower, high = spec.upper;
-    for (const auto& [at, chi] : seen) {
-      if (chi < limit) continue;
-      if (at < best) low = std::max(low, whole ? at + 1 : at);
-      if (at > best) high = std::min(high, whole ? at - 1 : at);
+    value_in(model_, id, spec.name).value = entry.value = profile.best();
+    auto [low, high] = profile.interval(spec.lower, spec.upper);
+    if (spec.kind == ParameterKind::integer) {  // the nearest that are ruled out do not belong to it
+      low = std::min(low + (profile.open_below() ? 0 : 1), entry.value);
+      high = std::max(high - (profile.open_above() ? 0 : 1), entry.value);
     }
+    if (tracing())
+      fmt::print(stderr, "{}.{}: {:.5g} ({:.5g} .. {:.5g}), chi may rise by {:.1f}\n", id, spec.name, entry.value, low,
+                 high, profile.limit());
     entry.ci95 = {{low, high}};
-    entry.narrowing = std::min(1.0, (high - low) / std::max(scale, 1e-12));
+    entry.narrowing = std::min(1.0, (high - low) / std::max(std::abs(spec.typical_high - spec.typical_low), 1e-12));
+  }
+
+  /// Values between which nothing moves smoothly are tried one by one: whole numbers by ones, others by factors.
+  void choose_step(const Rung& rung, const std::string& id, const ParameterSpec& spec) {
+    Profile profile(experiment_, motions_, rung, last_.metric, last_.place, false, rung_options_.seed + 500);
+    const double scale = std::abs(spec.typical_high - spec.typical_low);
+    if (spec.kind == ParameterKind::integer)
+      explore(profile, id, spec, 1, {1});
+    else
+      explore(profile, id, spec, spec.log_scaled ? 0.004 : 0.004 * scale, {1, 4, 15});
+    take(profile, id, spec);
+  }
+
+  /// What shows the scene from elsewhere moves edges pixel after pixel: chi is rough along its strength, and slopes end
+  /// in one of many valleys and promise too much there.
+  void choose_rough_strengths(const Rung& rung) {
+    for (const FitParameter& parameter : first_) {
+      CalibratedParameter& entry = entry_of(parameter.id, parameter.name);
+      const EffectDeclaration& declaration = model_.find(entry.id)->declaration(catalogue_);
+      if (!entry.determined() || !declaration.may_clear || entry.name != declaration.amplitude) continue;
+      const ParameterSpec& spec = *declaration.parameter(entry.name);
+      Profile profile(experiment_, motions_, rung, last_.metric, last_.place, true, rung_options_.seed + 500);
+      const double deviation = (parameter.scaled((*entry.ci95)[1]) - parameter.scaled((*entry.ci95)[0])) / 4;
+      explore(profile, entry.id, spec, deviation, {0.5, 1, 2, 4});
+      take(profile, entry.id, spec);
+    }
   }
 
   void write() {

@@ -112,6 +112,7 @@ Fit Descent::result() && {
   fit_.value = std::move(now_.value);
   fit_.offsets = std::move(now_.offsets);
   fit_.place = std::move(now_.place);
+  fit_.simulations = std::move(now_.simulations);
   fit_.residual = std::move(now_.residual);
   fit_.chi = now_.chi;
   return std::move(fit_);

@@ -51,15 +51,16 @@ class Seeker {
     return true;
   }
 
-  /// Strengths of what touches few captures, near and far, to either side, as long as it helps; true if anything did.
+  /// Strengths of what touches few captures or shows other pixels valid, near and far, to either side, as long as it
+  /// helps; true if anything did.
   bool probe() {
     bool moved = false;
     const auto& parameters = descent_.parameters();
     for (int p = 0; p < static_cast<int>(parameters.size()); ++p) {
       const FitParameter& parameter = parameters[p];
-      if (descent_.touched_share(p) > 0.5 ||
-          parameter.name != model().find(parameter.id)->declaration(catalogue_).amplitude)
-        continue;
+      const EffectDeclaration& declaration = model().find(parameter.id)->declaration(catalogue_);
+      const bool smooth = descent_.touched_share(p) > 0.5 && !declaration.may_clear;
+      if (smooth || parameter.name != declaration.amplitude) continue;
       for (const double reach : {0.5, 0.12, 0.03})
         for (const double direction : {1.0, -1.0})
           while (goes(p, direction * reach * parameter.longest)) moved = true;

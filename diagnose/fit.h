@@ -82,8 +82,9 @@ struct Fit {
   /// Parameters of which the data said nothing when their derivative was last taken (less than four times what their
   /// prior says): they were not simulated again, and stay where the prior holds them.
   std::vector<bool> paused;
-  Whitened residual;  ///< what the model and the nuisances leave of the data, compressed
-  double chi = 0;     ///< of Metric::explain, without the simulations' own noise, plus the prior's part
+  std::vector<StatVector> simulations;  ///< of the model where it ended, one a seed
+  Whitened residual;                    ///< what the model and the nuisances leave of the data, compressed
+  double chi = 0;  ///< of Metric::explain, without the simulations' own noise, plus the prior's part
   int rounds = 0;
   bool converged = false;
 };

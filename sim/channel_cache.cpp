@@ -52,28 +52,36 @@ std::string picture_key(const RenderScene& scene, const RenderRequest& request) 
 
 std::shared_ptr<const Channels> ChannelCache::find(const std::string& key, ChannelSet wanted) {
   const std::lock_guard lock(mutex_);
-  for (auto it = entries_.begin(); it != entries_.end(); ++it) {
-    if (it->key != key || (it->made & wanted) != wanted) continue;
-    entries_.splice(entries_.begin(), entries_, it);
-    return entries_.front().channels;
+  const auto known = of_key_.find(key);
+  if (known == of_key_.end()) return nullptr;
+  for (const auto& entry : known->second) {
+    if ((entry->made & wanted) != wanted) continue;
+    entries_.splice(entries_.begin(), entries_, entry);
+    return entry->channels;
   }
   return nullptr;
 }
 
+void ChannelCache::forget(std::list<Entry>::iterator entry) {
+  const auto known = of_key_.find(entry->key);
+  std::erase(known->second, entry);
+  if (known->second.empty()) of_key_.erase(known);
+  size_ -= entry->bytes;
+  entries_.erase(entry);
+}
+
 void ChannelCache::add(const std::string& key, ChannelSet made, std::shared_ptr<const Channels> channels) {
   const std::lock_guard lock(mutex_);
-  entries_.remove_if([&](const Entry& entry) {
-    const bool superseded = entry.key == key && (entry.made & made) == entry.made;
-    if (superseded) size_ -= entry.bytes;
-    return superseded;
-  });
+  if (const auto known = of_key_.find(key); known != of_key_.end()) {
+    const auto before = known->second;
+    for (const auto& entry : before)
+      if ((entry->made & made) == entry->made) forget(entry);  // superseded
+  }
   const std::size_t bytes = bytes_of(*channels);
   entries_.push_front({key, made, bytes, std::move(channels)});
+  of_key_[key].push_back(entries_.begin());
   size_ += bytes;
-  while (size_ > limit_ && entries_.size() > 1) {
-    size_ -= entries_.back().bytes;
-    entries_.pop_back();
-  }
+  while (size_ > limit_ && entries_.size() > 1) forget(std::prev(entries_.end()));
 }
 
 std::shared_ptr<const Channels> ChannelCache::render(const Renderer& renderer, const RenderScene& scene,

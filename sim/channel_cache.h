@@ -5,6 +5,8 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <unordered_map>
+#include <vector>
 
 #include "sim/renderer.h"
 
@@ -32,8 +34,11 @@ class ChannelCache {
     std::size_t bytes;
     std::shared_ptr<const Channels> channels;
   };
+  void forget(std::list<Entry>::iterator entry);
+
   std::mutex mutex_;
-  std::list<Entry> entries_;
+  std::list<Entry> entries_;  // the last one used first
+  std::unordered_map<std::string, std::vector<std::list<Entry>::iterator>> of_key_;
   std::size_t size_ = 0, limit_;
 };
 

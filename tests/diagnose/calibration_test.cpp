@@ -85,6 +85,15 @@ TEST(Calibration, FindsAStepOfAboutTheNoise) {
   EXPECT_EQ(found.parameters.size(), 1u);
 }
 
+TEST(Calibration, FindsWhatMovesEdgesPixelAfterPixel) {
+  // A wrong focal length is seen by edges, which move by whole pixels: chi has many valleys, and the slope at any of
+  // them promises a tenth of the true uncertainty.
+  const Calibration found =
+      calibrated("  - focal_error: {error: 0.011}\n  - spectral_noise: {sigma: 0.3}\n",
+                 "  - focal_error: {error: 0.0142}\n  - spectral_noise: {sigma: 0.3}\n", {.fixed = {"spectral_noise"}});
+  expect_found(found, "focal_error", "error", 0.011, 0.02);
+}
+
 TEST(Calibration, FindsAPeriodThatTheStartMissed) {
   // 3 % off: half a wave less over this image. A period is fitted with everything else, round after round.
   const Calibration found =

@@ -1,0 +1,92 @@
+#include "diagnose/profile.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/parallel.h"
+#include "diagnose/mean_of_simulations.h"
+
+namespace binrig {
+namespace {
+
+constexpr double chi_95 = 3.84;
+constexpr int seeds = 4;  // two are rougher than what is left of most recordings
+
+}  // namespace
+
+Profile::Profile(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+                 const Metric& metric, const std::vector<double>& place, bool targets_go_along, std::uint64_t seed)
+    : experiment_(experiment),
+      motions_(motions),
+      rung_(rung),
+      metric_(metric),
+      place_(place),
+      targets_go_along_(targets_go_along),
+      seed_(seed),
+      fold_metrics_(rung.others.size()) {
+  const Layout& layout = experiment.layout();
+  parallel_for(static_cast<int>(fold_metrics_.size()), [&](int fold) {
+    fold_metrics_[fold] = Metric(layout, Part::train, motion_rows(layout, rung.others[fold], motions));
+  });
+}
+
+double Profile::ask(double value, const SensorModel& model) {
+  if (const auto known = tried_.find(value); known != tried_.end()) return known->second.chi;
+  FitOptions options;
+  options.seeds = seeds;
+  options.seed = seed_;
+  options.place = place_;
+  if (targets_go_along_) options.motions = &motions_;
+  const Fit fit = fit_model(experiment_, rung_.standard, metric_, rung_.data, model, {}, rung_.offsets, options);
+
+  // The simulations of the rung stand about its places: where the targets went counts from there.
+  std::vector<double> moved = fit.place;
+  for (std::size_t m = 0; m < moved.size(); ++m) moved[m] -= place_[m];
+  Tried tried{fit.chi, std::vector<double>(rung_.nulls.size())};
+  const int folds = static_cast<int>(fold_metrics_.size());
+  parallel_for(folds, [&](int fold) {
+    const MeanOfSimulations mean = mean_of(rung_.others[fold], fit.simulations);
+    for (std::size_t k = fold; k < rung_.nulls.size(); k += folds) {
+      Whitened difference = rung_.nulls[k];
+      for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= mean.mean[i];
+      tried.nulls[k] = fold_metrics_[fold].explain(difference, moved, {}, mean.noise).chi;
+    }
+  });
+  if (tried_.empty()) at_nulls_ = value;
+  return tried_.emplace(value, std::move(tried)).first->second.chi;
+}
+
+double Profile::best() const {
+  return std::min_element(tried_.begin(), tried_.end(),
+                          [](const auto& a, const auto& b) { return a.second.chi < b.second.chi; })
+      ->first;
+}
+
+double Profile::limit() const {
+  std::vector<double> rises;
+  for (std::size_t k = 0; k < rung_.nulls.size(); ++k) {
+    double least = tried_.at(at_nulls_).nulls[k];
+    for (const auto& [value, tried] : tried_) least = std::min(least, tried.nulls[k]);
+    rises.push_back(tried_.at(at_nulls_).nulls[k] - least);
+  }
+  double rise = 0;
+  if (!rises.empty()) {
+    // The 95th percentile of a new draw from the same distribution: rank 0.95 (n + 1), between neighbours.
+    std::sort(rises.begin(), rises.end());
+    const double last = static_cast<double>(rises.size() - 1);
+    const double rank = std::clamp(0.95 * (last + 2) - 1, 0.0, last);
+    const auto below = static_cast<std::size_t>(rank), above = std::min(below + 1, rises.size() - 1);
+    rise = rises[below] + (rank - static_cast<double>(below)) * (rises[above] - rises[below]);
+  }
+  return std::max(chi_95, rise) * rung_.dispersion;
+}
+
+std::pair<double, double> Profile::interval(double lower, double upper) const {
+  const double highest = tried_.at(best()).chi + limit();
+  const auto holds = [&](const auto& entry) { return entry.second.chi <= highest; };
+  const auto first = std::find_if(tried_.begin(), tried_.end(), holds);
+  const auto beyond = std::find_if(tried_.rbegin(), tried_.rend(), holds).base();
+  return {first == tried_.begin() ? lower : std::prev(first)->first, beyond == tried_.end() ? upper : beyond->first};
+}
+
+}  // namespace binrig
