@@ -258,7 +258,7 @@ class Calibrator {
   }
 
   /// Tries values about the best one so far, near and far, until none is better, and then further out until both sides
-  /// are ruled out.
+  /// are ruled out. Where nothing typical is ruled out on either side, that is the answer.
   void explore(Profile& profile, const std::string& id, const ParameterSpec& spec, double unit,
                const std::vector<double>& reaches) const {
     constexpr int most_moves = 4, most_doublings = 6;
@@ -280,8 +280,12 @@ class Calibrator {
     }
     double reach = reaches.back();
     for (int k = 0; k < most_doublings && (profile.open_below() || profile.open_above()); ++k) {
-      reach *= 2;
       const bool below = profile.open_below(), above = profile.open_above();
+      if (below && above && k == 2) {
+        for (const double far : {spec.typical_low, spec.typical_high}) ask(far, 0);
+        break;
+      }
+      reach *= 2;
       if (below) ask(middle, -reach);
       if (above) ask(middle, reach);
     }

@@ -12,8 +12,8 @@ namespace binrig {
 namespace {
 
 const bench::SmallCampaign& campaign() {
-  static const auto* const campaign = new bench::SmallCampaign(true);
-  return *campaign;
+  static const bench::SmallCampaign campaign(true);
+  return campaign;
 }
 
 SensorModel model_of(const std::string& effects) {

@@ -26,8 +26,8 @@ struct World {
   const SceneForwardModel& forward() const { return campaign.forward(); }
 };
 World& world() {
-  static auto* const world = new World;  // never destroyed: threads of other tests may still end
-  return *world;
+  static World world;
+  return world;
 }
 
 Diagnosis answer(const Case& c) {
