@@ -37,7 +37,7 @@ struct CalibratedParameter {
 
 struct Calibration {
   /// With values, intervals and provenance. What is not determined has no interval and stays where its prior, the value
-  /// given, holds it.
+  /// given, holds it; but a mask's strength that is tried far and near may have gone where nothing moves with it.
   SensorModel model;
   std::vector<CalibratedParameter> parameters;  ///< in the model's order, without those that stay
   Rung rung;                                    ///< of the model before the last step: for scores

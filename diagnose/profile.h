@@ -1,6 +1,8 @@
 // A parameter's values tried one by one, where no slope leads: periods, steps, edges that move pixel after pixel. How
 // far chi has to rise before a value is ruled out is measured on the model's own simulations. (Chi-square's 3.84 holds
-// where chi is a parabola; here every value draws its simulations anew, and chi is as rough as that.)
+// where chi is a parabola; here every value draws its simulations anew, and chi is as rough as that.) Source: Feldman
+// and Cousins, Unified approach to the classical statistical analysis of small signals, Phys. Rev. D 57, 3873 (1998);
+// they have a limit for each value, we have one for all, that of the value the rung was simulated with.
 #pragma once
 
 #include <map>
@@ -12,23 +14,29 @@ namespace binrig {
 
 class Profile {
  public:
-  /// `motions`: targets go along to where a value wants them; empty = they stay at `place`. `metric`: of the motions,
-  /// on train. What is given must outlive the profile.
+  /// `metric`: of the `motions`, on train. `place`: of these, in prior sigmas, in the rung's simulations;
+  /// `targets_go_along`: from there to where each value wants them. `seed`: of the simulations of all values. What is
+  /// given must outlive the profile, but for `place`.
   Profile(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung, const Metric& metric,
           const std::vector<double>& place, bool targets_go_along, std::uint64_t seed);
 
-  /// Simulates the model with this value and returns chi; one that was asked before is not simulated again. The first
-  /// value asked is the one at which the rung's own simulations were made. Throws what simulating throws.
+  /// Simulates `model`, which has this value (natural unit), and returns its chi (Fit::chi); one that was asked before
+  /// is not simulated again. The first value asked stands for the one at which the rung's own simulations were made;
+  /// one beside that makes the limit wider.
+  /// Throws what simulating throws.
   double ask(double value, const SensorModel& model);
 
+  /// The value tried whose chi is least. This and all below: something must have been asked.
   double best() const;
   /// By how much chi may rise above its least for a value to hold: 95 % of the rung's own simulations do not rise
   /// further at the value they were made with, and never less than chi-square's 3.84 times the rung's dispersion.
   double limit() const;
+  /// Not ruled out. `value` must have been asked (std::out_of_range).
   bool holds(double value) const { return tried_.at(value).chi <= tried_.at(best()).chi + limit(); }
   /// From the nearest value below all that hold to the nearest above: between the two the bound is anywhere. `lower`
   /// and `upper` where no value tried is ruled out on that side.
   std::pair<double, double> interval(double lower, double upper) const;
+  /// The smallest, the largest value tried is not ruled out.
   bool open_below() const { return holds(tried_.begin()->first); }
   bool open_above() const { return holds(tried_.rbegin()->first); }
 

@@ -18,6 +18,7 @@ std::string picture_key(const RenderScene& scene, const RenderRequest& request);
 /// The least recently used pictures go first. Thread-safe.
 class ChannelCache {
  public:
+  /// One picture is kept even if it alone is larger than the limit.
   explicit ChannelCache(std::size_t limit_bytes) : limit_(limit_bytes) {}
 
   /// The picture with at least the wanted channels, or nothing.
@@ -37,7 +38,7 @@ class ChannelCache {
   void forget(std::list<Entry>::iterator entry);
 
   std::mutex mutex_;
-  std::list<Entry> entries_;  // the last one used first
+  std::list<Entry> entries_;  // the most recently used one first
   std::unordered_map<std::string, std::vector<std::list<Entry>::iterator>> of_key_;
   std::size_t size_ = 0, limit_;
 };
