@@ -238,6 +238,33 @@ std::vector<std::vector<StatVector>> Descent::simulate_ahead(const std::vector<i
   return ahead;
 }
 
+/// The same a step behind, of parameters that make up for each other to first order (a period and its phase): from one
+/// side they would seem to differ by the second. Empty for all others.
+std::vector<std::vector<StatVector>> Descent::simulate_behind(const std::vector<int>& moved) const {
+  std::vector<std::vector<StatVector>> behind(n_);
+  std::vector<Trial> trials;
+  std::vector<std::pair<int, int>> of;  // parameter, seed
+  for (const int p : moved) {
+    if (!parameters_[p].narrow && !parameters_[p].circular) continue;
+    behind[p] = now_.simulations;
+    if (touched_[p]->captures.empty()) continue;
+    Eigen::VectorXd x = now_.value;
+    x[p] -= derivative_step(p);
+    for (int k = 0; k < options_.seeds; ++k) {
+      trials.push_back(trial(with_values(now_.model, parameters_, x), now_.offsets, k));
+      trials.back().only = touched_[p]->captures;
+      of.emplace_back(p, k);
+    }
+  }
+  auto results = experiment_.simulate(trials, "fitting parameters");
+  for (std::size_t t = 0; t < trials.size(); ++t) {
+    const auto [p, k] = of[t];
+    stay_elsewhere(results[t], now_.simulations[k], trials[t].only);
+    behind[p][k] = std::move(results[t]);
+  }
+  return behind;
+}
+
 /// In captures that were not simulated.
 void Descent::stay_elsewhere(StatVector& result, const StatVector& as_it_is, const std::vector<int>& simulated) const {
   for (const Block& block : experiment_.layout().blocks)
@@ -251,13 +278,18 @@ void Descent::simulate_slopes() {
   std::vector<int> moved;
   for (int p = 0; p < n_; ++p)
     if (!fit_.paused[p]) moved.push_back(p);
-  auto simulated = simulate_ahead(moved);
+  auto ahead = simulate_ahead(moved);
+  const auto behind = simulate_behind(moved);
   parallel_for(static_cast<int>(moved.size()), [&](int m) {
-    const float step = static_cast<float>(derivative_step(moved[m]));
-    std::vector<StatVector>& changes = simulated[moved[m]];
+    const FitParameter& parameter = parameters_[moved[m]];
+    const double at = now_.value[moved[m]], reach = derivative_step(moved[m]);
+    const bool both_sides = !behind[moved[m]].empty();
+    const auto reached = [&](double x) { return parameter.circular ? x : parameter.scaled(parameter.natural(x)); };
+    const float step = static_cast<float>(both_sides ? reached(at + reach) - reached(at - reach) : reach);
+    const std::vector<StatVector>& from = both_sides ? behind[moved[m]] : now_.simulations;
+    std::vector<StatVector>& changes = ahead[moved[m]];
     for (int k = 0; k < options_.seeds; ++k)
-      for (std::size_t i = 0; i < changes[k].size(); ++i)
-        changes[k][i] = (changes[k][i] - now_.simulations[k][i]) / step;
+      for (std::size_t i = 0; i < changes[k].size(); ++i) changes[k][i] = (changes[k][i] - from[k][i]) / step;
     // Where nothing is known nothing changes: beside neighbours that all move along, that would be a trace.
     fill_unknown(experiment_.layout(), changes, true);
     std::vector<Whitened> differences = differences_of(standard_, changes);

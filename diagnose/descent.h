@@ -66,6 +66,7 @@ class Descent {
   double derivative_step(int parameter) const;
   std::vector<int> changed_captures(const StatVector& a, const StatVector& b) const;
   std::vector<std::vector<StatVector>> simulate_ahead(const std::vector<int>& moved);
+  std::vector<std::vector<StatVector>> simulate_behind(const std::vector<int>& moved) const;
   void stay_elsewhere(StatVector& result, const StatVector& as_it_is, const std::vector<int>& simulated) const;
   void simulate_slopes();
   void forget_bias(Whitened& change) const;
