@@ -27,6 +27,8 @@ constexpr double least_fall = 0.02;         // share of what is left of the held
 constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
 constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
 constexpr double least_proper_gain = 0.01;  // an element
+constexpr double near_enough = 3;           // standard deviations: so long may a last step be
+constexpr int most_last_steps = 3;
 
 CandidateReport report_of(const Refined& refined, int null_count) {
   CandidateReport report;
@@ -168,6 +170,7 @@ class Climb {
     report.confounded_with = accepted.rivals;
     if (!accepted.rivals.empty()) seek_captures(report, rung, found, *best);
 
+    settle_down(next);
     if (!climb(*best, std::move(next), accepted.map && accepted.map_looks_random, unproven)) return false;
     hold(*best, rung_options_);
     diagnosis_.candidates.push_back(report);
@@ -253,7 +256,7 @@ class Climb {
     if (anew)
       for (auto& instance : start.effects)
         if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
-    return fit_rung(experiment_, motions_, measured_, start, rung.offsets, options);
+    return fit_rung(experiment_, motions_, measured_, start, anew ? std::vector<Offset>{} : rung.offsets, options);
   }
 
   /// What a map said of an effect's parameters stays.
@@ -324,11 +327,39 @@ class Climb {
     return text;
   }
 
-  /// Parameters and intervals of a model that something was added to, from one more step against all of its own
-  /// simulations.
-  void settle(Rung& rung) const {
-    const LastStep step = last_step(experiment_, motions_, rung, rung.fit.parameters,
-                                    needs_whole_series(rung.model, catalogue_), options_.seed * 100000);
+  LastStep step_from(const Rung& rung, const std::vector<FitParameter>& priors) const {
+    return last_step(experiment_, motions_, rung, priors, needs_whole_series(rung.model, catalogue_),
+                     options_.seed * 100000);
+  }
+
+  /// Fits end where two simulations cut short say that they are good: steps against all of the model's own simulations
+  /// go on from there until they are short. Half as far where a whole step makes it worse.
+  void settle_down(Rung& rung) const {
+    const std::vector<FitParameter> priors = rung.fit.parameters;
+    double share = 1;
+    for (int k = 0; k < most_last_steps; ++k) {
+      const LastStep step = step_from(rung, priors);
+      if (step.length * share < near_enough) return;
+      SensorModel model = step.model;
+      for (std::size_t p = 0; p < priors.size(); ++p) {
+        const double back = (1 - share) * step.step[static_cast<int>(p)];
+        value_in(model, priors[p].id, priors[p].name).value = priors[p].natural(step.value[static_cast<int>(p)] - back);
+      }
+      RungOptions again = rung_options_;
+      again.passes = 0;
+      again.narrow = narrow_of(priors);
+      Rung next = fit_rung(experiment_, motions_, measured_, model, rung.offsets, again);
+      if (tracing()) fmt::print(stderr, "  settling: dispersion {:.3f} -> {:.3f}\n", rung.dispersion, next.dispersion);
+      if (next.dispersion > rung.dispersion)
+        share /= 2;
+      else
+        rung = std::move(next);
+    }
+  }
+
+  /// Parameters and intervals of a model that something was added to, from one more step.
+  void take_last_step(Rung& rung) const {
+    const LastStep step = step_from(rung, rung.fit.parameters);
     rung.model = step.model;
     rung.fit.value = step.value;
     rung.fit.half_interval = student_threshold(0.05, step.freedom) * step.covariance.diagonal().cwiseMax(0).cwiseSqrt();
@@ -337,7 +368,7 @@ class Climb {
   void report() {
     Rung& last = rungs_.back();
     const auto ladder = scores(experiment_.layout(), last, measured_.all, rungs_);
-    if (!diagnosis_.candidates.empty()) settle(last);
+    if (!diagnosis_.candidates.empty()) take_last_step(last);
     for (std::size_t k = 0; k < rungs_.size(); ++k)
       diagnosis_.ladder.push_back({static_cast<int>(k), added_[k], removed_[k], rungs_[k].model, ladder[k]});
     diagnosis_.present = present_parameters(given_, last, catalogue_);
