@@ -349,8 +349,10 @@ class Climb {
       again.passes = 0;
       again.narrow = narrow_of(priors);
       Rung next = fit_rung(experiment_, motions_, measured_, model, rung.offsets, again);
-      if (tracing()) fmt::print(stderr, "  settling: dispersion {:.3f} -> {:.3f}\n", rung.dispersion, next.dispersion);
-      if (next.dispersion > rung.dispersion)
+      const double now = proper_score(experiment_.layout(), rung, Part::train),
+                   then = proper_score(experiment_.layout(), next, Part::train);
+      if (tracing()) fmt::print(stderr, "  settling: proper on train {:.4f} -> {:.4f}\n", now, then);
+      if (then > now)
         share /= 2;
       else
         rung = std::move(next);

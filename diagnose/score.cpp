@@ -37,10 +37,10 @@ std::vector<double> null_squares(const Layout& layout, const Rung& rung, const W
 
 }  // namespace
 
-double proper_score(const Layout& layout, const Rung& rung) {
+double proper_score(const Layout& layout, const Rung& rung, Part part) {
   double proper = 0, known = 0;
   for (const auto& block : layout.blocks) {
-    if (block.train) continue;
+    if (part != Part::all && block.train != (part == Part::train)) continue;
     for (int i = block.offset; i < block.offset + block.size; ++i) {
       const float s = rung.standard.spread()[i];
       if (s <= 0) continue;

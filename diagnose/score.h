@@ -5,9 +5,9 @@
 
 namespace binrig {
 
-/// Squared residual plus logarithm of the rung's own variance, mean over what is known of the captures held out: the
-/// smaller the better, and needless variance makes it larger.
-double proper_score(const Layout& layout, const Rung& rung);
+/// Squared residual plus logarithm of the rung's own variance, mean over what is known of the captures held out (or of
+/// another part): the smaller the better, and needless variance makes it larger.
+double proper_score(const Layout& layout, const Rung& rung, Part part = Part::test);
 
 /// Scores of several models on the held-out captures, all in units of `last`'s randomness, its nuisances marginalised.
 std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
