@@ -278,6 +278,22 @@ void Descent::simulate_slopes() {
   std::vector<int> moved;
   for (int p = 0; p < n_; ++p)
     if (!fit_.paused[p]) moved.push_back(p);
+  while (!moved.empty()) {
+    simulate_slopes_of(moved);
+    // What pixels toss for drowns in the tosses of a small step: these grow by its root.
+    std::erase_if(moved, [&](int p) {
+      const auto& slope = fit_.slopes[p];
+      return touched_[p]->captures.empty() || parameters_[p].step >= parameters_[p].longest ||
+             std::any_of(slope.begin(), slope.end(), [](float v) { return v != 0; });
+    });
+    for (const int p : moved) {
+      parameters_[p].step = std::min(2 * parameters_[p].step, parameters_[p].longest);
+      touched_[p].reset();
+    }
+  }
+}
+
+void Descent::simulate_slopes_of(const std::vector<int>& moved) {
   auto ahead = simulate_ahead(moved);
   const auto behind = simulate_behind(moved);
   parallel_for(static_cast<int>(moved.size()), [&](int m) {
@@ -382,8 +398,7 @@ double Descent::stretch(const Eigen::VectorXd& from) {
 }
 
 void Descent::run() {
-  fit_.paused = options_.paused;
-  fit_.paused.resize(n_, false);
+  fit_.paused.assign(n_, false);
   if (n_ == 0) {
     fit_.converged = true;
     return;

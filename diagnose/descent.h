@@ -69,6 +69,7 @@ class Descent {
   std::vector<std::vector<StatVector>> simulate_behind(const std::vector<int>& moved) const;
   void stay_elsewhere(StatVector& result, const StatVector& as_it_is, const std::vector<int>& simulated) const;
   void simulate_slopes();
+  void simulate_slopes_of(const std::vector<int>& moved);
   void forget_bias(Whitened& change) const;
   void linearise(Eigen::MatrixXd& a, Eigen::VectorXd& b);
   void box(Eigen::VectorXd& lower, Eigen::VectorXd& upper) const;

@@ -1,6 +1,7 @@
 #include "diagnose/fit.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -51,17 +52,20 @@ class Seeker {
     return true;
   }
 
-  /// Strengths of what touches few captures or shows other pixels valid, near and far, to either side, as long as it
-  /// helps; true if anything did.
+  /// Strengths of what touches few captures or shows other pixels valid, near and far, and what moves nothing when it
+  /// moves a little (a width that lies between two pixels), far: to either side, as long as it helps; true if anything
+  /// did.
   bool probe() {
     bool moved = false;
     const auto& parameters = descent_.parameters();
     for (int p = 0; p < static_cast<int>(parameters.size()); ++p) {
       const FitParameter& parameter = parameters[p];
       const EffectDeclaration& declaration = model().find(parameter.id)->declaration(catalogue_);
-      const bool smooth = descent_.touched_share(p) > 0.5 && !declaration.may_clear;
-      if (smooth || parameter.name != declaration.amplitude) continue;
-      for (const double reach : {0.5, 0.12, 0.03})
+      const double touched = descent_.touched_share(p);
+      const bool rough = parameter.name == declaration.amplitude && (touched <= 0.5 || declaration.may_clear);
+      const bool still = touched == 0 && !parameter.circular;
+      if (!rough && !still) continue;
+      for (const double reach : still ? std::array{2.0, 1.0, 0.5} : std::array{0.5, 0.12, 0.03})
         for (const double direction : {1.0, -1.0})
           while (goes(p, direction * reach * parameter.longest)) moved = true;
     }

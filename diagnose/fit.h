@@ -52,12 +52,11 @@ struct FitOptions {
   const std::vector<SceneMotion>* motions = nullptr;
   /// A fit of the same parameters nearby, under the same standard: begins with its slopes instead of simulating them.
   const struct Fit* nearby = nullptr;
-  std::vector<bool> paused;  ///< Fit::paused of a fit nearby
   /// Instances whose whole-number parameters are varied, too, and narrow ones sought: these are fitted with all others
   /// once they are near.
   std::vector<std::string> scan_ids;
-  /// Strengths of what touches few captures (masks) are tried far and near where the descent ends: what moves pixel
-  /// after pixel has valleys between which slopes do not lead.
+  /// Strengths of what touches few captures (masks) are tried far and near where the descent ends, and what moved
+  /// nothing is tried far: what moves pixel after pixel has valleys between which slopes do not lead.
   bool probe = false;
   std::vector<std::string> fixed;  ///< parameters of theirs, by id.name, that stay
   /// Of this instance, narrow parameters are sought over the whole typical range, unless it has a phase: a period is

@@ -212,7 +212,6 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   derivatives.seed = options.seed + 500;
   derivatives.part = Part::all;
   derivatives.place = rung.place;
-  derivatives.paused = rung.fit.paused;
   const int rounds = rung.fit.rounds;
   const bool converged = rung.fit.converged;
   rung.fit =
@@ -244,7 +243,8 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   rung.dispersion = dispersion_of(rung, rung.train);
   if (tracing()) {
     for (const FitParameter& p : rung.fit.parameters)
-      fmt::print(stderr, " {}.{} {:.4g}", p.id, p.name, rung.model.find(p.id)->value(p.name));
+      fmt::print(stderr, " {}.{} {:.4g}{}", p.id, p.name, rung.model.find(p.id)->value(p.name),
+                 rung.fit.paused[&p - rung.fit.parameters.data()] ? " (paused)" : "");
     fmt::print(stderr, "\n");
   }
   Remains remains = remains_of(rung, rung.data, rung.place);

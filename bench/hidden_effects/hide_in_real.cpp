@@ -65,6 +65,8 @@ int run(int argc, char** argv) {
       fmt::print("\n");
     }
     for (const LadderStep& step : diagnosis.ladder) fmt::print("  ladder {} {:.4g}\n", step.added, step.score.heldout);
+    for (const Unexplained& rest : diagnosis.unexplained)
+      fmt::print("  unexplained: {} {:.3g} times its randomness\n", rest.segment, rest.ratio);
     for (const std::string& warning : diagnosis.warnings) fmt::print("  {}\n", warning);
     std::fflush(stdout);
   };
