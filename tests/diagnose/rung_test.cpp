@@ -2,7 +2,9 @@
 #include "diagnose/rung.h"
 
 #include <cmath>
+#include <map>
 #include <numbers>
+#include <string>
 
 #include <gtest/gtest.h>
 
@@ -13,39 +15,61 @@
 namespace binrig {
 namespace {
 
-SensorModel wiggling(double amplitude, double wavelength, double phase) {
+const bench::SmallCampaign& campaign() {
+  static const bench::SmallCampaign campaign(true);
+  return campaign;
+}
+
+SensorModel model_with(const std::string& effect, const std::map<std::string, double>& values) {
   SensorModel model = parse_sensor_model(
       "name: m\nsensor: effects\ncamera: recording\nprojector: recording\nreference_distance: recording\n"
-      "depth_scale: recording\neffects:\n  - tof_wiggling: {}\n  - spectral_noise: {sigma: 0.3}\n",
+      "depth_scale: recording\neffects:\n  - spectral_noise: {sigma: 0.3}\n",
       "m", effect_catalogue());
-  auto& values = model.effects[0].values;
-  values["amplitude"].value = amplitude, values["wavelength"].value = wavelength, values["phase"].value = phase;
+  add_effect(model, effect_catalogue(), effect, values);
   return model;
 }
 
-TEST(FitRung, FollowsAValleyAlongWhichTwoParametersMakeUpForEachOther) {
-  // Another wavelength with the phase that goes with it is the same wave at one distance, and nearly so at others:
-  // slopes to one side promise nothing long before the bottom.
-  const bench::SmallCampaign campaign(true);
-  const SceneForwardModel& forward = campaign.forward();
-  const SensorModel truth = wiggling(1.8, 396.5, 2.66);
+/// A start fitted to what the catalogue makes of the truth.
+Rung fitted(const SensorModel& truth, const SensorModel& start) {
+  const SceneForwardModel& forward = campaign().forward();
   const auto recording = bench::simulated_recording(forward, truth, bench::drawn_offsets(forward, 5), 5);
-  const double z_mm = 700, wavelength = 380;
-  const SensorModel start =
-      wiggling(1.7, wavelength,
-               std::remainder(2.66 + 4 * std::numbers::pi * z_mm * (1 / 396.5 - 1 / wavelength), 2 * std::numbers::pi));
   SimulationCache cache("");
   const Experiment experiment(forward, start, cache);
   std::vector<std::string> unreadable;
   const Measurement measured = experiment.measure([&](int c, int i) { return recording[c][i]; }, unreadable);
   const auto motions =
       scene_motions(experiment, start, registration_prior(forward.set(), experiment.nominal(0).camera));
-  const Rung rung = fit_rung(experiment, motions, measured, start, {}, {.simulations = 16});
-  const EffectInstance& found = rung.model.effects[0];
+  return fit_rung(experiment, motions, measured, start, {}, {.simulations = 16});
+}
+
+TEST(FitRung, FollowsAValleyAlongWhichTwoParametersMakeUpForEachOther) {
+  // Another wavelength with the phase that goes with it is the same wave at one distance, and nearly so at others:
+  // slopes to one side promise nothing long before the bottom.
+  constexpr double pi = std::numbers::pi, z_mm = 700, right = 396.5, wrong = 380, phase = 2.66;
+  const double its_phase = std::remainder(phase + 4 * pi * z_mm * (1 / right - 1 / wrong), 2 * pi);
+  const Rung rung =
+      fitted(model_with("tof_wiggling", {{"amplitude", 1.8}, {"wavelength", right}, {"phase", phase}}),
+             model_with("tof_wiggling", {{"amplitude", 1.7}, {"wavelength", wrong}, {"phase", its_phase}}));
+  const EffectInstance& found = *rung.model.find("tof_wiggling");
   // Within a fifth of the way from the start; chance is a tenth of that.
-  EXPECT_NEAR(found.value("wavelength"), 396.5, 3);
-  EXPECT_NEAR(std::remainder(found.value("phase") - 2.66, 2 * std::numbers::pi), 0, 0.2);
+  EXPECT_NEAR(found.value("wavelength"), right, 3);
+  EXPECT_NEAR(std::remainder(found.value("phase") - phase, 2 * pi), 0, 0.2);
   EXPECT_NEAR(found.value("amplitude"), 1.8, 0.03);
+}
+
+TEST(FitRung, FindsAWidthThatLiesBetweenTwoPixels) {
+  // No pixel is further than 1.5 and no further than 1.6 px from an edge: a small step moves nothing, and with the
+  // wrong width the probability makes up for it.
+  const Rung rung = fitted(model_with("flying_pixels", {{"probability", 0.65}, {"width", 1.95}}),
+                           model_with("flying_pixels", {{"probability", 0.4}, {"width", 1.5}}));
+  const EffectInstance& found = *rung.model.find("flying_pixels");
+  EXPECT_NEAR(found.value("width"), 1.95, 0.25);
+  const Eigen::VectorXd half = half_intervals(rung.fit, rung.dispersion);
+  for (int p = 0; p < half.size(); ++p)
+    if (rung.fit.parameters[p].name == "probability") {
+      EXPECT_LT(half[p], 0.2);                                       // it is determined
+      EXPECT_NEAR(found.value("probability"), 0.65, 2.5 * half[p]);  // five standard deviations
+    }
 }
 
 }  // namespace
