@@ -9,6 +9,7 @@
 
 #include "compare/probability.h"
 #include "core/error.h"
+#include "diagnose/comb.h"
 #include "diagnose/last_step.h"
 #include "diagnose/profile.h"
 #include "diagnose/trace.h"
@@ -80,7 +81,7 @@ class Calibrator {
     constexpr double wrong = 4;  // times its own randomness: a model so far off is not worth the last digit
     Calibration result;
     result.rung = fit_rung(experiment_, motions_, measured_, start_, {}, rung_options_);
-    comb_steps(result.rung);
+    comb_steps(experiment_, motions_, measured_, start_, rung_options_, result.rung);
     first_ = result.rung.fit.parameters;
     for (int round = 0;; ++round) {
       last_ = last_step(experiment_, motions_, result.rung, first_, series_, rung_options_.seed);
@@ -289,63 +290,6 @@ class Calibrator {
       if (below) ask(middle, -reach);
       if (above) ask(middle, reach);
     }
-  }
-
-  /// A step meets the data in valleys narrower than anything that a fit tries: where the model is far off, all values
-  /// close to where it is and where it began are tried one by one, and the others fitted to the best.
-  void comb_steps(Rung& rung) const {
-    constexpr double far_off = 1.1;     // dispersion
-    constexpr double far_better = 100;  // of chi: what a wrong valley costs, and roughness not
-    RungOptions again = rung_options_;
-    again.passes = 1;
-    again.scan_ranges = false;
-    again.narrow = narrow_of(rung.fit.parameters);
-    std::vector<std::pair<std::string, const ParameterSpec*>>
-        combs;  // periods and places move smoothly near their best
-    for (const auto& [id, spec] : steps_)
-      if (spec->log_scaled && spec->kind != ParameterKind::integer &&
-          spec->name == start_.find(id)->declaration(catalogue_).amplitude) {
-        combs.emplace_back(id, spec);
-        again.fixed.push_back(id + "." + spec->name);
-      }
-    // A hundred steps within the range shift by a seventh of one, then by less.
-    for (const double spacing : {0.0015, 0.0004, 0.0001}) {
-      if (combs.empty() || rung.dispersion < far_off) break;
-      SensorModel model = rung.model;
-      double fall = 0;
-      for (const auto& [id, spec] : combs) fall += comb(rung, id, *spec, spacing, model);
-      if (fall < far_better * rung.dispersion) break;
-      rung = fit_rung(experiment_, motions_, measured_, model, rung.offsets, again);
-    }
-  }
-
-  /// Sets a step to the best of the values close to the model's and to the one it began with; by how much chi falls.
-  /// `spacing` is relative.
-  double comb(const Rung& rung, const std::string& id, const ParameterSpec& spec, double spacing,
-              SensorModel& model) const {
-    constexpr int values = 12;  // to either side
-    FitOptions options;
-    options.seed = rung_options_.seed + 500;
-    options.place = rung.place;
-    options.place.resize(motions_.size());
-    const Metric metric(layout_, Part::train, motion_rows(layout_, rung.standard, motions_));
-    const auto chi_at = [&](double value) {
-      SensorModel changed = model;
-      value_in(changed, id, spec.name).value = value;
-      return fit_model(experiment_, rung.standard, metric, rung.data, changed, {}, rung.offsets, options).chi;
-    };
-    const double reached = model.find(id)->value(spec.name), began = start_.find(id)->value(spec.name);
-    const double before = chi_at(reached);
-    double least = before;
-    for (const double middle : {reached, began})
-      for (int k = -values; k <= values; ++k) {
-        const double value = std::clamp(middle * (1 + spacing * k), spec.lower, spec.upper), chi = chi_at(value);
-        if (chi < least) least = chi, value_in(model, id, spec.name).value = value;
-      }
-    if (tracing())
-      fmt::print(stderr, "{}.{} combed: {:.5g}, then {:.5g}, chi {:.0f} less\n", id, spec.name, reached,
-                 model.find(id)->value(spec.name), before - least);
-    return before - least;
   }
 
   /// The best value tried, and where it lies for certain.

@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "bench/support/small_campaign.h"
+#include "diagnose/comb.h"
 #include "diagnose/registration.h"
 #include "sim/effect.h"
 
@@ -29,27 +30,36 @@ SensorModel model_with(const std::string& effect, const std::map<std::string, do
   return model;
 }
 
-/// A start fitted to what the catalogue makes of the truth.
-Rung fitted(const SensorModel& truth, const SensorModel& start) {
-  const SceneForwardModel& forward = campaign().forward();
-  const auto recording = bench::simulated_recording(forward, truth, bench::drawn_offsets(forward, 5), 5);
-  SimulationCache cache("");
-  const Experiment experiment(forward, start, cache);
-  std::vector<std::string> unreadable;
-  const Measurement measured = experiment.measure([&](int c, int i) { return recording[c][i]; }, unreadable);
-  const auto motions =
-      scene_motions(experiment, start, registration_prior(forward.set(), experiment.nominal(0).camera));
-  return fit_rung(experiment, motions, measured, start, {}, {.simulations = 16});
-}
+/// What the catalogue makes of a truth, and a model that is to be fitted to it.
+struct Case {
+  Case(const SensorModel& truth, const SensorModel& start)
+      : recording(
+            bench::simulated_recording(campaign().forward(), truth, bench::drawn_offsets(campaign().forward(), 5), 5)),
+        start(start),
+        experiment(campaign().forward(), start, cache),
+        motions(scene_motions(experiment, start,
+                              registration_prior(campaign().forward().set(), experiment.nominal(0).camera))) {
+    std::vector<std::string> unreadable;
+    measured = experiment.measure([&](int c, int i) { return recording[c][i]; }, unreadable);
+  }
+  Rung fitted(const RungOptions& options) const { return fit_rung(experiment, motions, measured, start, {}, options); }
+
+  const bench::Recording recording;
+  const SensorModel start;
+  SimulationCache cache{""};
+  const Experiment experiment;
+  const std::vector<SceneMotion> motions;
+  Measurement measured;
+};
 
 TEST(FitRung, FollowsAValleyAlongWhichTwoParametersMakeUpForEachOther) {
   // Another wavelength with the phase that goes with it is the same wave at one distance, and nearly so at others:
   // slopes to one side promise nothing long before the bottom.
   constexpr double pi = std::numbers::pi, z_mm = 700, right = 396.5, wrong = 380, phase = 2.66;
   const double its_phase = std::remainder(phase + 4 * pi * z_mm * (1 / right - 1 / wrong), 2 * pi);
-  const Rung rung =
-      fitted(model_with("tof_wiggling", {{"amplitude", 1.8}, {"wavelength", right}, {"phase", phase}}),
-             model_with("tof_wiggling", {{"amplitude", 1.7}, {"wavelength", wrong}, {"phase", its_phase}}));
+  const Case c(model_with("tof_wiggling", {{"amplitude", 1.8}, {"wavelength", right}, {"phase", phase}}),
+               model_with("tof_wiggling", {{"amplitude", 1.7}, {"wavelength", wrong}, {"phase", its_phase}}));
+  const Rung rung = c.fitted({.simulations = 16});
   const EffectInstance& found = *rung.model.find("tof_wiggling");
   // Within a fifth of the way from the start; chance is a tenth of that.
   EXPECT_NEAR(found.value("wavelength"), right, 3);
@@ -60,8 +70,9 @@ TEST(FitRung, FollowsAValleyAlongWhichTwoParametersMakeUpForEachOther) {
 TEST(FitRung, FindsAWidthThatLiesBetweenTwoPixels) {
   // No pixel is further than 1.5 and no further than 1.6 px from an edge: a small step moves nothing, and with the
   // wrong width the probability makes up for it.
-  const Rung rung = fitted(model_with("flying_pixels", {{"probability", 0.65}, {"width", 1.95}}),
-                           model_with("flying_pixels", {{"probability", 0.4}, {"width", 1.5}}));
+  const Case c(model_with("flying_pixels", {{"probability", 0.65}, {"width", 1.95}}),
+               model_with("flying_pixels", {{"probability", 0.4}, {"width", 1.5}}));
+  const Rung rung = c.fitted({.simulations = 16});
   const EffectInstance& found = *rung.model.find("flying_pixels");
   EXPECT_NEAR(found.value("width"), 1.95, 0.25);
   const Eigen::VectorXd half = half_intervals(rung.fit, rung.dispersion);
@@ -70,6 +81,18 @@ TEST(FitRung, FindsAWidthThatLiesBetweenTwoPixels) {
       EXPECT_LT(half[p], 0.2);                                       // it is determined
       EXPECT_NEAR(found.value("probability"), 0.65, 2.5 * half[p]);  // five standard deviations
     }
+}
+
+TEST(CombSteps, FindsTheToothThatAFitBesideItDoesNot) {
+  // 0.09 px are 1.2 mm at 800 mm, four times the noise. A hundred teeth within the range: 0.7 % beside, most of them
+  // meet others.
+  const Case c(model_with("disparity_quantisation", {{"step", 0.09}}),
+               model_with("disparity_quantisation", {{"step", 0.0906}}));
+  Rung rung = c.fitted({.simulations = 16, .fixed = {"disparity_quantisation.step"}});
+  EXPECT_GT(rung.dispersion, 1.1);
+  comb_steps(c.experiment, c.motions, c.measured, c.start, {.simulations = 16}, rung);
+  EXPECT_NEAR(rung.model.find("disparity_quantisation")->value("step"), 0.09, 0.09 * 0.0005);
+  EXPECT_LT(rung.dispersion, 1.1);
 }
 
 }  // namespace

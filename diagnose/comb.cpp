@@ -1,0 +1,82 @@
+#include "diagnose/comb.h"
+
+#include <algorithm>
+#include <set>
+
+#include <fmt/format.h>
+
+#include "diagnose/last_step.h"
+#include "diagnose/trace.h"
+
+namespace binrig {
+namespace {
+
+constexpr double far_off = 1.1;     // dispersion
+constexpr double far_better = 100;  // of chi: what a wrong valley costs, and roughness not
+constexpr int values = 24;          // tried to either side
+/// Relative. A hundred steps within the range shift by a fourteenth of one, then by less.
+constexpr double spacings[] = {0.0007, 0.0002};
+
+struct Step {
+  std::string id;
+  const ParameterSpec* spec;
+};
+
+/// Amplitudes that slopes say nothing of. Periods and places move smoothly near their best.
+std::vector<Step> steps_of(const SensorModel& model, const EffectCatalogue& catalogue,
+                           const std::vector<std::string>& fixed) {
+  std::vector<Step> steps;
+  for (const EffectInstance& instance : model.effects) {
+    const EffectDeclaration& declaration = instance.declaration(catalogue);
+    const ParameterSpec* spec = declaration.parameter(declaration.amplitude);
+    if (spec && !spec->interpolate && spec->log_scaled && spec->kind != ParameterKind::integer &&
+        std::find(fixed.begin(), fixed.end(), instance.id + "." + spec->name) == fixed.end())
+      steps.push_back({instance.id, spec});
+  }
+  return steps;
+}
+
+}  // namespace
+
+void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
+                const SensorModel& start, const RungOptions& options, Rung& rung) {
+  const std::vector<Step> steps = steps_of(start, experiment.forward().catalogue(), options.fixed);
+  RungOptions again = options;
+  again.passes = 1;
+  again.scan_ranges = false;
+  again.narrow = narrow_of(rung.fit.parameters);
+  for (const Step& step : steps) again.fixed.push_back(step.id + "." + step.spec->name);
+  FitOptions look;
+  look.seed = options.seed + 500;
+  look.place.assign(motions.size(), 0);
+  look.motions = &motions;
+  if (steps.empty() || rung.dispersion < far_off) return;
+  for (const double spacing : spacings) {
+    const Metric metric(experiment.layout(), Part::train, motion_rows(experiment.layout(), rung.standard, motions));
+    // From where targets nominally stand: about where a wrong step put them, the right one looks wrong.
+    const auto chi_of = [&](const SensorModel& model) {
+      return fit_model(experiment, rung.standard, metric, rung.data, model, {}, {}, look).chi;
+    };
+    SensorModel best = rung.model;
+    const double before = chi_of(best);
+    double least = before;
+    for (const Step& step : steps) {
+      const double reached = best.find(step.id)->value(step.spec->name);
+      const std::set<double> middles{reached, start.find(step.id)->value(step.spec->name)};
+      SensorModel tried = best;
+      for (const double middle : middles)
+        for (int k = -values; k <= values; ++k) {
+          value_in(tried, step.id, step.spec->name).value =
+              std::clamp(middle * (1 + spacing * k), step.spec->lower, step.spec->upper);
+          if (const double chi = chi_of(tried); chi < least) least = chi, best = tried;
+        }
+      if (tracing())
+        fmt::print(stderr, "{}.{} combed: {:.5g}, then {:.5g}, chi {:.0f} less\n", step.id, step.spec->name, reached,
+                   best.find(step.id)->value(step.spec->name), before - least);
+    }
+    if (before - least < far_better * rung.dispersion) break;
+    rung = fit_rung(experiment, motions, measured, best, {}, again);
+  }
+}
+
+}  // namespace binrig
