@@ -159,22 +159,22 @@ Explained Descent::explain(FitState& state) const {
 
 /// Moves the targets of a state to where they want to be; false if they stand there.
 bool Descent::moved(const Explained& explained, FitState& state) const {
-  constexpr double near_enough = 1;  // prior sigmas
   if (!options_.motions || state.place.size() < options_.motions->size()) return false;
   const std::size_t count = options_.motions->size();
   std::vector<double> values(state.place.begin(), state.place.begin() + static_cast<long>(count));
   double furthest = 0;
   for (std::size_t m = 0; m < count; ++m) {
     if (explained.values[m] == 0) continue;  // of a capture that does not count
-    furthest = std::max(furthest, std::abs(explained.values[m] - values[m]));
+    furthest = std::max(furthest, std::abs(explained.values[m] - values[m]) / registered_to((*options_.motions)[m]));
     values[m] = explained.values[m];
   }
-  if (furthest < near_enough) return false;
+  if (furthest < 1) return false;
   auto offsets = offsets_of(experiment_.layout(), *options_.motions, values, {});
   const auto reached = values_of(*options_.motions, offsets);
   double step = 0;
-  for (std::size_t m = 0; m < count; ++m) step = std::max(step, std::abs(reached[m] - state.place[m]));
-  if (step < near_enough) return false;  // what is no small motion was clipped
+  for (std::size_t m = 0; m < count; ++m)
+    step = std::max(step, std::abs(reached[m] - state.place[m]) / registered_to((*options_.motions)[m]));
+  if (step < 1) return false;  // what is no small motion was clipped
   state.offsets = std::move(offsets);
   std::copy(reached.begin(), reached.end(), state.place.begin());
   return true;

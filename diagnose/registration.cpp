@@ -12,8 +12,9 @@ namespace {
 
 // Of a small motion: rotations (rad), shifts (mm), focal length and principal point (px). Never less than 4 sigmas.
 constexpr std::array<double, 9> largest_motion{0.02, 0.02, 0.02, 5, 5, 5, 10, 3, 3};
-constexpr float largest_change_mm = 5.f;  // beyond: another surface came into the pixel
-constexpr float rounding_mm = 1e-3f;      // of float depth
+constexpr double near_rad = 1e-3, near_mm = 0.3;  // to which targets are registered
+constexpr float largest_change_mm = 5.f;          // beyond: another surface came into the pixel
+constexpr float rounding_mm = 1e-3f;              // of float depth
 
 /// Bias map's change (mm a sigma, by central difference) for an offset of one sigma and its opposite.
 std::vector<std::pair<int, float>> change_of(const Experiment& experiment, const SensorModel& model, int capture,
@@ -109,6 +110,17 @@ std::vector<SceneMotion> scene_motions(const Experiment& experiment, const Senso
       for (const auto& part : shared[motion.element - 6])
         motion.change.insert(motion.change.end(), part.begin(), part.end());
   return motions;
+}
+
+double registered_to(const SceneMotion& motion) {
+  return motion.capture < 0 ? 1 : std::min(1.0, (motion.element < 3 ? near_rad : near_mm) / motion.sigma);
+}
+
+double left_open(const SceneMotion& motion) {
+  constexpr double noise_mm = 1;  // of an element of the bias map, at most
+  double shown = 0;
+  for (const auto& [index, change] : motion.change) shown += change * change / (noise_mm * noise_mm);
+  return std::max(registered_to(motion), 1 / std::sqrt(1 + shown));
 }
 
 std::vector<NuisanceRow> motion_rows(const Layout& layout, const Standard& standard,

@@ -26,14 +26,16 @@ std::vector<StatVector> short_simulations(const Experiment& experiment, const Se
   return experiment.simulate(trials, "learning the model's own randomness");
 }
 
-/// Moves the targets to where the bias maps want them; returns by how much the furthest moved, in prior sigmas.
+/// Moves the targets to where the bias maps want them; returns by how much the furthest moved, in what they are
+/// registered to.
 double register_targets(const Layout& layout, const std::vector<SceneMotion>& motions,
                         const std::vector<NuisanceRow>& rows, const Whitened& data, std::vector<Offset>& offsets) {
   const auto before = values_of(motions, offsets);
   offsets = offsets_of(layout, motions, Metric(layout, Part::all, rows).explain(data, before).values, {});
   const auto after = values_of(motions, offsets);
   double furthest = 0;
-  for (std::size_t m = 0; m < before.size(); ++m) furthest = std::max(furthest, std::abs(after[m] - before[m]));
+  for (std::size_t m = 0; m < before.size(); ++m)
+    furthest = std::max(furthest, std::abs(after[m] - before[m]) / registered_to(motions[m]));
   return furthest;
 }
 
@@ -179,7 +181,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   std::vector<StatVector> draw_shift;
   for (int d = 0; d < options.pose_draws; ++d) {
     const RandomStream stream = RandomStream(options.seed).child("registration").child(static_cast<std::uint64_t>(d));
-    for (std::size_t m = 0; m < motions.size(); ++m) draws[d][m] = stream.normal(m);
+    for (std::size_t m = 0; m < motions.size(); ++m) draws[d][m] = left_open(motions[m]) * stream.normal(m);
     draw_shift.push_back(shift_of(layout, motions, draws[d]));
   }
   std::vector<StatVector> shifts;
