@@ -287,7 +287,7 @@ void Descent::simulate_slopes() {
              std::any_of(slope.begin(), slope.end(), [](float v) { return v != 0; });
     });
     for (const int p : moved) {
-      parameters_[p].step = std::min(2 * parameters_[p].step, parameters_[p].longest);
+      parameters_[p].step = parameters_[p].longest;
       touched_[p].reset();
     }
   }

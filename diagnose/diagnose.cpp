@@ -28,7 +28,8 @@ constexpr double unproven_fall = 0.25;      // of what an effect that had not pr
 constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
 constexpr double least_proper_gain = 0.01;  // an element
 constexpr double near_enough = 3;           // standard deviations: so long may a last step be
-constexpr int most_last_steps = 3;
+constexpr int most_last_steps = 2;
+constexpr double worth_a_step = 0.001;  // of the proper score, an element
 
 CandidateReport report_of(const Refined& refined, int null_count) {
   CandidateReport report;
@@ -170,7 +171,7 @@ class Climb {
     report.confounded_with = accepted.rivals;
     if (!accepted.rivals.empty()) seek_captures(report, rung, found, *best);
 
-    settle_down(next);
+    if (next.dispersion <= leaves_something) settle_down(next);
     if (!climb(*best, std::move(next), accepted.map && accepted.map_looks_random, unproven)) return false;
     hold(*best, rung_options_);
     diagnosis_.candidates.push_back(report);
@@ -352,10 +353,11 @@ class Climb {
       const double now = proper_score(experiment_.layout(), rung, Part::train),
                    then = proper_score(experiment_.layout(), next, Part::train);
       if (tracing()) fmt::print(stderr, "  settling: proper on train {:.4f} -> {:.4f}\n", now, then);
+      if (then < now) rung = std::move(next);
       if (then > now)
         share /= 2;
-      else
-        rung = std::move(next);
+      else if (now - then < worth_a_step)
+        return;
     }
   }
 
