@@ -16,6 +16,7 @@
 #include "diagnose/plausibility.h"
 #include "diagnose/score.h"
 #include "diagnose/screen.h"
+#include "diagnose/settle.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
@@ -27,9 +28,6 @@ constexpr double least_fall = 0.02;         // share of what is left of the held
 constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
 constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
 constexpr double least_proper_gain = 0.01;  // an element
-constexpr double near_enough = 3;           // standard deviations: so long may a last step be
-constexpr int most_last_steps = 2;
-constexpr double worth_a_step = 0.001;  // of the proper score, an element
 
 CandidateReport report_of(const Refined& refined, int null_count) {
   CandidateReport report;
@@ -171,7 +169,7 @@ class Climb {
     report.confounded_with = accepted.rivals;
     if (!accepted.rivals.empty()) seek_captures(report, rung, found, *best);
 
-    if (next.dispersion <= leaves_something) settle_down(next);
+    if (next.dispersion <= leaves_something) settle_down(experiment_, motions_, measured_, rung_options_, next);
     if (!climb(*best, std::move(next), accepted.map && accepted.map_looks_random, unproven)) return false;
     hold(*best, rung_options_);
     diagnosis_.candidates.push_back(report);
@@ -328,42 +326,10 @@ class Climb {
     return text;
   }
 
-  LastStep step_from(const Rung& rung, const std::vector<FitParameter>& priors) const {
-    return last_step(experiment_, motions_, rung, priors, needs_whole_series(rung.model, catalogue_),
-                     options_.seed * 100000);
-  }
-
-  /// Fits end where two simulations cut short say that they are good: steps against all of the model's own simulations
-  /// go on from there until they are short. Half as far where a whole step makes it worse.
-  void settle_down(Rung& rung) const {
-    const std::vector<FitParameter> priors = rung.fit.parameters;
-    double share = 1;
-    for (int k = 0; k < most_last_steps; ++k) {
-      const LastStep step = step_from(rung, priors);
-      if (step.length * share < near_enough) return;
-      SensorModel model = step.model;
-      for (std::size_t p = 0; p < priors.size(); ++p) {
-        const double back = (1 - share) * step.step[static_cast<int>(p)];
-        value_in(model, priors[p].id, priors[p].name).value = priors[p].natural(step.value[static_cast<int>(p)] - back);
-      }
-      RungOptions again = rung_options_;
-      again.passes = 0;
-      again.narrow = narrow_of(priors);
-      Rung next = fit_rung(experiment_, motions_, measured_, model, rung.offsets, again);
-      const double now = proper_score(experiment_.layout(), rung, Part::train),
-                   then = proper_score(experiment_.layout(), next, Part::train);
-      if (tracing()) fmt::print(stderr, "  settling: proper on train {:.4f} -> {:.4f}\n", now, then);
-      if (then < now) rung = std::move(next);
-      if (then > now)
-        share /= 2;
-      else if (now - then < worth_a_step)
-        return;
-    }
-  }
-
   /// Parameters and intervals of a model that something was added to, from one more step.
   void take_last_step(Rung& rung) const {
-    const LastStep step = step_from(rung, rung.fit.parameters);
+    const LastStep step = last_step(experiment_, motions_, rung, rung.fit.parameters,
+                                    needs_whole_series(rung.model, catalogue_), rung_options_.seed);
     rung.model = step.model;
     rung.fit.value = step.value;
     rung.fit.half_interval = student_threshold(0.05, step.freedom) * step.covariance.diagonal().cwiseMax(0).cwiseSqrt();

@@ -1,0 +1,47 @@
+#include "diagnose/settle.h"
+
+#include <fmt/format.h>
+
+#include "diagnose/last_step.h"
+#include "diagnose/score.h"
+#include "diagnose/trace.h"
+
+namespace binrig {
+namespace {
+
+constexpr double near_enough = 3;  // standard deviations: so long may a last step be
+constexpr int most_steps = 2;
+constexpr double worth_it = 0.001;  // of the proper score, an element
+
+}  // namespace
+
+void settle_down(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
+                 const RungOptions& options, Rung& rung) {
+  const std::vector<FitParameter> priors = rung.fit.parameters;
+  const bool series = needs_whole_series(rung.model, experiment.forward().catalogue());
+  RungOptions again = options;
+  again.passes = 0;
+  again.narrow = narrow_of(priors);
+  double share = 1;  // of a step
+  for (int k = 0; k < most_steps; ++k) {
+    const LastStep step = last_step(experiment, motions, rung, priors, series, options.seed);
+    if (share * step.length < near_enough) return;
+    SensorModel model = step.model;
+    for (std::size_t p = 0; p < priors.size(); ++p) {
+      const int i = static_cast<int>(p);
+      value_in(model, priors[p].id, priors[p].name).value =
+          priors[p].natural(step.value[i] - (1 - share) * step.step[i]);
+    }
+    Rung next = fit_rung(experiment, motions, measured, model, rung.offsets, again);
+    const double now = proper_score(experiment.layout(), rung, Part::train),
+                 then = proper_score(experiment.layout(), next, Part::train);
+    if (tracing()) fmt::print(stderr, "  settling: proper on train {:.4f} -> {:.4f}\n", now, then);
+    if (then < now) rung = std::move(next);
+    if (then > now)
+      share /= 2;
+    else if (now - then < worth_it)
+      return;
+  }
+}
+
+}  // namespace binrig

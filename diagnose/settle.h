@@ -1,0 +1,14 @@
+// Fits end where two simulations cut short say that they are good; a model is not there yet.
+#pragma once
+
+#include "diagnose/rung.h"
+
+namespace binrig {
+
+/// Steps against all of the model's own simulations, at most two, until they are short; half as far where a whole one
+/// makes it worse on train, by the proper score. Each makes the rung anew, without fits. `options`: with which it was
+/// fitted. Throws what simulating throws.
+void settle_down(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
+                 const RungOptions& options, Rung& rung);
+
+}  // namespace binrig
