@@ -30,9 +30,9 @@ struct SceneMotion {
 std::vector<SceneMotion> scene_motions(const Experiment& experiment, const SensorModel& model,
                                        const RegistrationPrior& prior);
 
-/// To how many prior sigmas a motion is registered, if depth shows it: over the 2 mm within which a target is said to
-/// stand at 200 mm its noise changes by more than chance makes of an image. 1 where what is said is good enough, and
-/// for intrinsics.
+/// To how many prior sigmas a motion is registered, if depth shows it: those of 0.3 mm or 1 mrad (by judgement). Over
+/// the 2 mm within which a target is said to stand at 200 mm its noise changes by more than chance makes of an image. 1
+/// where what is said is good enough, and for intrinsics.
 double registered_to(const SceneMotion& motion);
 /// Standard deviation, in prior sigmas, of what registration leaves of a motion: that, or more where depth shows too
 /// little of it (a plane within itself).
