@@ -12,6 +12,7 @@
 
 #include "compare/probability.h"
 #include "diagnose/advice.h"
+#include "diagnose/edge_registration.h"
 #include "diagnose/last_step.h"
 #include "diagnose/plausibility.h"
 #include "diagnose/score.h"
@@ -80,6 +81,8 @@ class Climb {
 
   void run() {
     rungs_.push_back(fit_rung(experiment_, motions_, measured_, given_, {}, rung_options_));
+    if (rungs_[0].dispersion <= leaves_something)
+      register_by_edges(experiment_, motions_, measured_, rung_options_, rungs_[0]);
     added_.push_back("");
     // A fit that went astray says nothing of how strong the noise is.
     const SensorModel& near = rungs_[0].dispersion > search_options_.astray ? given_ : rungs_[0].model;
@@ -169,7 +172,10 @@ class Climb {
     report.confounded_with = accepted.rivals;
     if (!accepted.rivals.empty()) seek_captures(report, rung, found, *best);
 
-    if (next.dispersion <= leaves_something) settle_down(experiment_, motions_, measured_, rung_options_, next);
+    if (next.dispersion <= leaves_something) {
+      register_by_edges(experiment_, motions_, measured_, rung_options_, next);
+      settle_down(experiment_, motions_, measured_, rung_options_, next);
+    }
     if (!climb(*best, std::move(next), accepted.map && accepted.map_looks_random, unproven)) return false;
     hold(*best, rung_options_);
     diagnosis_.candidates.push_back(report);

@@ -1,0 +1,140 @@
+#include "diagnose/edge_registration.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "core/parallel.h"
+#include "diagnose/mean_of_simulations.h"
+#include "diagnose/score.h"
+#include "diagnose/trace.h"
+
+namespace binrig {
+namespace {
+
+constexpr int seeds = 4;
+constexpr double far_out = 2;   // standard deviations of what simulations do
+constexpr double much = 30;     // of a square, beside that
+constexpr double worth_it = 9;  // of a square: three standard deviations of one motion
+constexpr int most_steps = 3;   // of one motion in one direction
+
+/// Sum of squares by capture of all segments but the bias maps, by which targets are registered.
+std::vector<double> squares_beside_bias(const Layout& layout, const Whitened& rest) {
+  std::vector<double> squares(layout.captures, 0);
+  for (const Block& block : layout.blocks)
+    if (segments()[block.segment].name != "bias")
+      for (int i = block.offset; i < block.offset + block.size; ++i)
+        squares[block.capture] += static_cast<double>(rest[i]) * rest[i];
+  return squares;
+}
+
+std::vector<int> captures_far_out(const Layout& layout, const Rung& rung) {
+  const auto measured = squares_beside_bias(layout, rung.rest);
+  std::vector<std::vector<double>> nulls(rung.nulls.size());
+  parallel_for(static_cast<int>(nulls.size()),
+               [&](int k) { nulls[k] = squares_beside_bias(layout, remains_of(rung, rung.nulls[k], {}).rest); });
+  std::vector<int> captures;
+  for (int c = 0; c < layout.captures; ++c) {
+    double sum = 0, square = 0;
+    for (const auto& null : nulls) sum += null[c], square += null[c] * null[c];
+    const double n = static_cast<double>(nulls.size()), mean = sum / n;
+    const double deviation = std::sqrt(std::max(0.0, square / n - mean * mean));
+    if (measured[c] > mean + far_out * deviation && measured[c] > mean + much) captures.push_back(c);
+  }
+  return captures;
+}
+
+/// Walks the target of one capture.
+class Walk {
+ public:
+  Walk(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung, int capture,
+       std::uint64_t seed)
+      : experiment_(experiment),
+        motions_(motions),
+        rung_(rung),
+        capture_(capture),
+        seed_(seed),
+        offsets_(rung.offsets),
+        square_(square_at(offsets_)) {}
+
+  void run() {
+    const double before = square_;
+    for (const int element : {3, 4, 5, 0, 1, 2})  // shifts first
+      for (std::size_t m = 0; m < motions_.size(); ++m)
+        if (motions_[m].capture == capture_ && motions_[m].element == element)
+          for (const double reach : {1.0, 0.5})
+            for (const double direction : {1.0, -1.0})
+              for (int k = 0; k < most_steps && goes(m, direction * reach * registered_to(motions_[m])); ++k) {
+              }
+    if (tracing())
+      fmt::print(stderr, "  capture {} registered by its edges: square {:.0f} -> {:.0f}\n", capture_, before, square_);
+  }
+
+  const std::vector<Offset>& offsets() const { return offsets_; }
+
+ private:
+  bool goes(std::size_t m, double by) {
+    std::vector<double> step(motions_.size(), 0);
+    step[m] = by;
+    const auto offsets = offsets_of(experiment_.layout(), motions_, step, offsets_);
+    const double square = square_at(offsets);
+    if (square > square_ - worth_it) return false;
+    square_ = square;
+    offsets_ = offsets;
+    return true;
+  }
+
+  /// What is left of the capture, and what its pose costs.
+  double square_at(const std::vector<Offset>& offsets) const {
+    std::vector<Trial> trials;
+    for (int k = 0; k < seeds; ++k) {
+      trials.push_back({rung_.model, offsets, seed_ + static_cast<std::uint64_t>(k)});
+      trials.back().only = {capture_};
+    }
+    const auto simulations = simulate_typical_units(experiment_, trials, "registering by edges");
+    Whitened rest = mean_of(rung_.standard, simulations).mean;
+    for (std::size_t i = 0; i < rest.size(); ++i) rest[i] = rung_.data[i] - rest[i];
+    compress(rest);
+    double square = squares_beside_bias(experiment_.layout(), rest)[capture_];
+    const auto place = values_of(motions_, offsets);
+    for (std::size_t m = 0; m < motions_.size(); ++m)
+      if (motions_[m].capture == capture_) square += place[m] * place[m];
+    return square;
+  }
+
+  const Experiment& experiment_;
+  const std::vector<SceneMotion>& motions_;
+  const Rung& rung_;
+  const int capture_;
+  const std::uint64_t seed_;
+  std::vector<Offset> offsets_;
+  double square_;
+};
+
+}  // namespace
+
+bool register_by_edges(const Experiment& experiment, const std::vector<SceneMotion>& motions,
+                       const Measurement& measured, const RungOptions& options, Rung& rung) {
+  const Layout& layout = experiment.layout();
+  std::vector<Offset> offsets = rung.offsets;
+  bool moved = false;
+  for (const int capture : captures_far_out(layout, rung)) {
+    Walk walk(experiment, motions, rung, capture, options.seed + 700);
+    walk.run();
+    moved |= !(walk.offsets()[capture] == rung.offsets[capture]);
+    offsets[capture] = walk.offsets()[capture];
+  }
+  if (!moved) return false;
+  RungOptions again = options;
+  again.passes = 0;
+  again.narrow = narrow_of(rung.fit.parameters);
+  Rung next = fit_rung(experiment, motions, measured, rung.model, offsets, again);
+  const double now = proper_score(layout, rung, Part::all), then = proper_score(layout, next, Part::all);
+  if (tracing()) fmt::print(stderr, "  registered by edges: proper {:.4f} -> {:.4f}\n", now, then);
+  if (then >= now) return false;
+  rung = std::move(next);
+  return true;
+}
+
+}  // namespace binrig
