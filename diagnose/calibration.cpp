@@ -10,6 +10,7 @@
 #include "compare/probability.h"
 #include "core/error.h"
 #include "diagnose/comb.h"
+#include "diagnose/edge_registration.h"
 #include "diagnose/last_step.h"
 #include "diagnose/profile.h"
 #include "diagnose/trace.h"
@@ -78,10 +79,13 @@ class Calibrator {
 
   Calibration run() {
     constexpr int most_rounds = 3;
+    constexpr double explains = 1.05;  // dispersion
     constexpr double wrong = 4;  // times its own randomness: a model so far off is not worth the last digit
     Calibration result;
     result.rung = fit_rung(experiment_, motions_, measured_, start_, {}, rung_options_);
     comb_steps(experiment_, motions_, measured_, start_, rung_options_, result.rung);
+    if (result.rung.dispersion <= explains)
+      register_by_edges(experiment_, motions_, measured_, rung_options_, result.rung);
     first_ = result.rung.fit.parameters;
     for (int round = 0;; ++round) {
       last_ = last_step(experiment_, motions_, result.rung, first_, series_, rung_options_.seed);
