@@ -80,7 +80,7 @@ class Calibrator {
   Calibration run() {
     constexpr int most_rounds = 3;
     constexpr double explains = 1.05;  // dispersion
-    constexpr double wrong = 4;  // times its own randomness: a model so far off is not worth the last digit
+    constexpr double wrong = 4;        // times its own randomness: a model so far off is not worth the last digit
     Calibration result;
     result.rung = fit_rung(experiment_, motions_, measured_, start_, {}, rung_options_);
     comb_steps(experiment_, motions_, measured_, start_, rung_options_, result.rung);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include <fmt/format.h>
 #include <Eigen/Cholesky>
@@ -379,6 +380,23 @@ void Descent::box(Eigen::VectorXd& lower, Eigen::VectorXd& upper) const {
   }
 }
 
+/// Parameters with a trace in more than half of the captures.
+Eigen::Array<bool, Eigen::Dynamic, 1> Descent::acting_widely() const {
+  const Layout& layout = experiment_.layout();
+  const auto acts = [](const Whitened& slope, const Block& block) {
+    const auto begin = slope.begin() + block.offset;
+    return std::any_of(begin, begin + block.size, [](float v) { return v != 0; });
+  };
+  Eigen::Array<bool, Eigen::Dynamic, 1> result(n_);
+  for (int p = 0; p < n_; ++p) {
+    std::set<int> captures;
+    for (const Block& block : layout.blocks)
+      if (acts(fit_.slopes[p], block)) captures.insert(block.capture);
+    result[p] = 2 * static_cast<int>(captures.size()) > layout.captures;
+  }
+  return result;
+}
+
 Eigen::VectorXd Descent::within_bounds(Eigen::VectorXd x) const {
   for (int p = 0; p < n_; ++p)
     if (!parameters_[p].circular) x[p] = parameters_[p].scaled(parameters_[p].natural(x[p]));
@@ -416,14 +434,20 @@ void Descent::run() {
     linearise(a, b);
     if (options_.iterations == 0 && !given) return;
     box(lower, upper);
+    const auto acts_widely = acting_widely();
     const double enough = options_.converged * now_.dispersion;
     double gained = 0, promised = 0;
     const Eigen::VectorXd from = now_.value;
-    const int attempts = fresh ? 5 : options_.iterations == 0 ? 3 : 1;
+    const int attempts = fresh ? 6 : options_.iterations == 0 ? 4 : 2;
     for (int attempt = 0; attempt < attempts && gained == 0; ++attempt) {
       Eigen::MatrixXd damped = a;
       damped.diagonal() *= 1 + damping;
-      const Eigen::VectorXd delta = minimum_in_box(damped, b, lower, upper);
+      // Chi is rough along what acts in a few captures: that must not keep all others from going.
+      const bool smooth = attempt % 2 == 1;
+      const auto in_box = [&](const Eigen::VectorXd& end) -> Eigen::VectorXd {
+        return smooth ? Eigen::VectorXd(acts_widely.select(end, 0)) : end;
+      };
+      const Eigen::VectorXd delta = minimum_in_box(damped, b, in_box(lower), in_box(upper));
       promised = delta.dot(2 * b - a * delta);
       if (promised < 0.5 * enough) break;
       FitState next = evaluate(from + delta);
@@ -431,7 +455,7 @@ void Descent::run() {
         gained = now_.chi - next.chi;
         now_ = std::move(next);
         damping = std::max(1e-4, damping / 5);
-      } else {
+      } else if (smooth) {
         damping = std::max(0.01, 10 * damping);
       }
     }

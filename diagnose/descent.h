@@ -73,6 +73,7 @@ class Descent {
   void forget_bias(Whitened& change) const;
   void linearise(Eigen::MatrixXd& a, Eigen::VectorXd& b);
   void box(Eigen::VectorXd& lower, Eigen::VectorXd& upper) const;
+  Eigen::Array<bool, Eigen::Dynamic, 1> acting_widely() const;
   double stretch(const Eigen::VectorXd& from);
 
   const Experiment& experiment_;

@@ -81,8 +81,7 @@ class Climb {
 
   void run() {
     rungs_.push_back(fit_rung(experiment_, motions_, measured_, given_, {}, rung_options_));
-    if (rungs_[0].dispersion <= leaves_something)
-      register_by_edges(experiment_, motions_, measured_, rung_options_, rungs_[0]);
+    finish(rungs_[0]);
     added_.push_back("");
     // A fit that went astray says nothing of how strong the noise is.
     const SensorModel& near = rungs_[0].dispersion > search_options_.astray ? given_ : rungs_[0].model;
@@ -100,6 +99,13 @@ class Climb {
   }
 
  private:
+  /// Where hardly anything is left, what is left may be a fit that stopped half-way or the place of a target.
+  void finish(Rung& rung) const {
+    if (rung.dispersion > leaves_something) return;
+    register_by_edges(experiment_, motions_, measured_, rung_options_, rung);
+    settle_down(experiment_, motions_, measured_, rung_options_, rung);
+  }
+
   /// What the rung's model still lacks: hypotheses and their signatures.
   std::pair<Hypotheses, std::vector<Signature>> left() const {
     std::pair<Hypotheses, std::vector<Signature>> result;
@@ -172,10 +178,7 @@ class Climb {
     report.confounded_with = accepted.rivals;
     if (!accepted.rivals.empty()) seek_captures(report, rung, found, *best);
 
-    if (next.dispersion <= leaves_something) {
-      register_by_edges(experiment_, motions_, measured_, rung_options_, next);
-      settle_down(experiment_, motions_, measured_, rung_options_, next);
-    }
+    finish(next);
     if (!climb(*best, std::move(next), accepted.map && accepted.map_looks_random, unproven)) return false;
     hold(*best, rung_options_);
     diagnosis_.candidates.push_back(report);

@@ -9,7 +9,7 @@
 namespace binrig {
 namespace {
 
-constexpr double near_enough = 3;  // standard deviations: so long may a last step be
+constexpr double near_enough = 6;  // standard deviations: chance makes half of that of a dozen parameters
 constexpr int most_steps = 2;
 constexpr double worth_it = 0.001;  // of the proper score, an element
 
