@@ -15,30 +15,6 @@ namespace binrig {
 
 namespace {
 
-constexpr double least_signal = 0.5;  // a segment of a derivative that is more than half noise is left out
-
-void set(SensorModel& model, const std::string& id, const std::string& name, double value) {
-  for (auto& effect : model.effects)
-    if (effect.id == id) effect.values[name].value = value;
-}
-
-SensorModel with_values(SensorModel model, const std::vector<FitParameter>& parameters, const Eigen::VectorXd& x) {
-  for (std::size_t p = 0; p < parameters.size(); ++p)
-    set(model, parameters[p].id, parameters[p].name, parameters[p].natural(x[static_cast<int>(p)]));
-  return model;
-}
-
-bool draws_map(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& id) {
-  const EffectInstance* instance = model.find(id);
-  return instance && instance->declaration(catalogue).per_unit_map;
-}
-
-std::vector<Whitened> differences_of(const Standard& standard, const std::vector<StatVector>& changes) {
-  std::vector<Whitened> result;
-  for (const StatVector& one : changes) result.push_back(standard.difference(one));
-  return result;
-}
-
 constexpr double pause_below = 4;  // data's information on a parameter, in units of its prior's, see Fit::paused
 
 /// Minimum of x'Mx/2 - b'x over |x| <= limit, element by element, by projected coordinate descent: a parameter that
@@ -72,7 +48,8 @@ Descent::Descent(const Experiment& experiment, const Standard& standard, const M
       data_(data),
       options_(options),
       parameters_(std::move(parameters)),
-      n_(static_cast<int>(parameters_.size())) {
+      n_(static_cast<int>(parameters_.size())),
+      slopes_(experiment, standard, options, parameters_, now_, fit_) {
   now_.model = start;
   now_.offsets = offsets;
   now_.place = options_.place;
@@ -92,7 +69,7 @@ FitState Descent::evaluate(const Eigen::VectorXd& value) const {
 
 FitState Descent::evaluate(const std::string& id, const std::string& name, double value) const {
   SensorModel model = now_.model;
-  set(model, id, name, value);
+  value_in(model, id, name).value = value;
   return evaluate(model, now_.value);
 }
 
@@ -100,11 +77,6 @@ void Descent::also_fit(const std::vector<FitParameter>& more) {
   parameters_.insert(parameters_.end(), more.begin(), more.end());
   n_ = static_cast<int>(parameters_.size());
   now_ = evaluate(now_.model, values_of_model());  // with their priors
-}
-
-double Descent::touched_share(int p) const {
-  if (p >= static_cast<int>(touched_.size()) || !touched_[p]) return 1;
-  return static_cast<double>(touched_[p]->captures.size()) / experiment_.layout().captures;
 }
 
 Fit Descent::result() && {
@@ -117,15 +89,6 @@ Fit Descent::result() && {
   fit_.residual = std::move(now_.residual);
   fit_.chi = now_.chi;
   return std::move(fit_);
-}
-
-Trial Descent::trial(const SensorModel& model, const std::vector<Offset>& offsets, int k) const {
-  return {model,
-          offsets,
-          options_.seed + static_cast<std::uint64_t>(k),
-          options_.part,
-          options_.most_frames,
-          options_.shorten_series};
 }
 
 FitState Descent::evaluate(const SensorModel& model, const Eigen::VectorXd& x) const {
@@ -149,7 +112,7 @@ FitState Descent::evaluate(const SensorModel& model, const Eigen::VectorXd& x) c
 /// Simulates where the state says that targets stand.
 Explained Descent::explain(FitState& state) const {
   std::vector<Trial> trials;
-  for (int k = 0; k < options_.seeds; ++k) trials.push_back(trial(state.model, state.offsets, k));
+  for (int k = 0; k < options_.seeds; ++k) trials.push_back(trial_of(options_, state.model, state.offsets, k));
   MeanOfSimulations mean =
       mean_of(standard_, simulate_typical_units(experiment_, trials, "fitting parameters", &state.simulations));
   Whitened difference = data_;
@@ -179,151 +142,6 @@ bool Descent::moved(const Explained& explained, FitState& state) const {
   state.offsets = std::move(offsets);
   std::copy(reached.begin(), reached.end(), state.place.begin());
   return true;
-}
-
-/// Where a derivative is taken to: inwards of the bounds.
-double Descent::derivative_step(int p) const {
-  const FitParameter& parameter = parameters_[p];
-  const double ahead = parameter.natural(now_.value[p] + parameter.step);
-  const bool outside = !parameter.circular && std::abs(parameter.scaled(ahead) - now_.value[p]) < 0.5 * parameter.step;
-  return outside ? -parameter.step : parameter.step;
-}
-
-std::vector<int> Descent::changed_captures(const StatVector& a, const StatVector& b) const {
-  std::vector<int> captures;
-  for (const Block& block : experiment_.layout().blocks) {
-    if (!captures.empty() && captures.back() == block.capture) continue;
-    for (int i = block.offset; i < block.offset + block.size; ++i)
-      if (a[i] != b[i] && !(std::isnan(a[i]) && std::isnan(b[i]))) {
-        captures.push_back(block.capture);
-        break;
-      }
-  }
-  return captures;
-}
-
-/// Simulations of all seeds with one parameter a step ahead, by parameter. Many parameters move nothing in most
-/// captures (a threshold for highlights on planes): where the first seed shows no change, no other is simulated, and
-/// none later while the parameter stays near.
-std::vector<std::vector<StatVector>> Descent::simulate_ahead(const std::vector<int>& moved) {
-  touched_.resize(n_);
-  std::vector<std::vector<StatVector>> ahead(n_);
-  const auto simulate = [&](bool asked_before, int seeds) {
-    std::vector<Trial> trials;
-    std::vector<std::pair<int, int>> of;  // parameter, seed
-    for (const int p : moved) {
-      if (touched_[p].has_value() != asked_before || (asked_before && touched_[p]->captures.empty())) continue;
-      Eigen::VectorXd x = now_.value;
-      x[p] += derivative_step(p);
-      for (int k = static_cast<int>(ahead[p].size()); k < seeds; ++k) {
-        trials.push_back(trial(with_values(now_.model, parameters_, x), now_.offsets, k));
-        if (asked_before) trials.back().only = touched_[p]->captures;
-        of.emplace_back(p, k);
-      }
-    }
-    auto results = experiment_.simulate(trials, "fitting parameters");
-    for (std::size_t t = 0; t < trials.size(); ++t) {
-      const auto [p, k] = of[t];
-      if (asked_before) stay_elsewhere(results[t], now_.simulations[k], trials[t].only);
-      ahead[p].push_back(std::move(results[t]));
-    }
-  };
-  for (const int p : moved)
-    if (touched_[p] && std::abs(touched_[p]->value - now_.value[p]) > parameters_[p].longest) touched_[p].reset();
-  simulate(false, 1);
-  for (const int p : moved)
-    if (!touched_[p]) touched_[p] = Touched{now_.value[p], changed_captures(ahead[p][0], now_.simulations[0])};
-  simulate(true, options_.seeds);
-  for (const int p : moved)
-    for (int k = static_cast<int>(ahead[p].size()); k < options_.seeds; ++k) ahead[p].push_back(now_.simulations[k]);
-  return ahead;
-}
-
-/// The same a step behind, of parameters that make up for each other to first order (a period and its phase): from one
-/// side they would seem to differ by the second. Empty for all others.
-std::vector<std::vector<StatVector>> Descent::simulate_behind(const std::vector<int>& moved) const {
-  std::vector<std::vector<StatVector>> behind(n_);
-  std::vector<Trial> trials;
-  std::vector<std::pair<int, int>> of;  // parameter, seed
-  for (const int p : moved) {
-    if (!parameters_[p].narrow && !parameters_[p].circular) continue;
-    behind[p] = now_.simulations;
-    if (touched_[p]->captures.empty()) continue;
-    Eigen::VectorXd x = now_.value;
-    x[p] -= derivative_step(p);
-    for (int k = 0; k < options_.seeds; ++k) {
-      trials.push_back(trial(with_values(now_.model, parameters_, x), now_.offsets, k));
-      trials.back().only = touched_[p]->captures;
-      of.emplace_back(p, k);
-    }
-  }
-  auto results = experiment_.simulate(trials, "fitting parameters");
-  for (std::size_t t = 0; t < trials.size(); ++t) {
-    const auto [p, k] = of[t];
-    stay_elsewhere(results[t], now_.simulations[k], trials[t].only);
-    behind[p][k] = std::move(results[t]);
-  }
-  return behind;
-}
-
-/// In captures that were not simulated.
-void Descent::stay_elsewhere(StatVector& result, const StatVector& as_it_is, const std::vector<int>& simulated) const {
-  for (const Block& block : experiment_.layout().blocks)
-    if (std::find(simulated.begin(), simulated.end(), block.capture) == simulated.end())
-      std::copy_n(as_it_is.begin() + block.offset, block.size, result.begin() + block.offset);
-}
-
-void Descent::simulate_slopes() {
-  fit_.slopes.resize(n_, Whitened(experiment_.layout().size, 0.f));
-  fit_.seed_slopes.resize(n_);
-  std::vector<int> moved;
-  for (int p = 0; p < n_; ++p)
-    if (!fit_.paused[p]) moved.push_back(p);
-  while (!moved.empty()) {
-    simulate_slopes_of(moved);
-    // What pixels toss for drowns in the tosses of a small step: these grow by its root.
-    std::erase_if(moved, [&](int p) {
-      const auto& slope = fit_.slopes[p];
-      return touched_[p]->captures.empty() || parameters_[p].step >= parameters_[p].longest ||
-             std::any_of(slope.begin(), slope.end(), [](float v) { return v != 0; });
-    });
-    for (const int p : moved) {
-      parameters_[p].step = parameters_[p].longest;
-      touched_[p].reset();
-    }
-  }
-}
-
-void Descent::simulate_slopes_of(const std::vector<int>& moved) {
-  auto ahead = simulate_ahead(moved);
-  const auto behind = simulate_behind(moved);
-  parallel_for(static_cast<int>(moved.size()), [&](int m) {
-    const FitParameter& parameter = parameters_[moved[m]];
-    const double at = now_.value[moved[m]], reach = derivative_step(moved[m]);
-    const bool both_sides = !behind[moved[m]].empty();
-    const auto reached = [&](double x) { return parameter.circular ? x : parameter.scaled(parameter.natural(x)); };
-    const float step = static_cast<float>(both_sides ? reached(at + reach) - reached(at - reach) : reach);
-    const std::vector<StatVector>& from = both_sides ? behind[moved[m]] : now_.simulations;
-    std::vector<StatVector>& changes = ahead[moved[m]];
-    for (int k = 0; k < options_.seeds; ++k)
-      for (std::size_t i = 0; i < changes[k].size(); ++i) changes[k][i] = (changes[k][i] - from[k][i]) / step;
-    // Where nothing is known nothing changes: beside neighbours that all move along, that would be a trace.
-    fill_unknown(experiment_.layout(), changes, true);
-    std::vector<Whitened> differences = differences_of(standard_, changes);
-    if (draws_map(now_.model, experiment_.forward().catalogue(), parameters_[moved[m]].id))
-      for (Whitened& d : differences) forget_bias(d);  // of the typical unit it stays where it is
-    const Whitened& mean = fit_.slopes[moved[m]] =
-        shrunk(experiment_.layout(), mean_over_seeds(experiment_.layout(), differences), least_signal);
-    for (Whitened& d : differences)
-      for (std::size_t i = 0; i < d.size(); ++i)
-        if (mean[i] == 0) d[i] = 0;
-    fit_.seed_slopes[moved[m]] = std::move(differences);
-  });
-}
-
-void Descent::forget_bias(Whitened& change) const {
-  for (const Block& block : experiment_.layout().blocks)
-    if (segments()[block.segment].name == "bias") std::fill_n(change.begin() + block.offset, block.size, 0.f);
 }
 
 /// Normal equations of the next step. A simulation that scatters more has derivatives that scatter along, so that
@@ -427,7 +245,7 @@ void Descent::run() {
   if (given) fit_.slopes = options_.nearby->slopes, fit_.seed_slopes = options_.nearby->seed_slopes;
   for (int simulated_slopes = 0;; ++fit_.rounds) {
     if (stale && simulated_slopes >= std::max(options_.iterations, given ? 0 : 1)) return;
-    if (stale) simulate_slopes(), ++simulated_slopes;
+    if (stale) slopes_.run(), ++simulated_slopes;
     const bool fresh = stale;
     Eigen::MatrixXd a;
     Eigen::VectorXd b, lower, upper;

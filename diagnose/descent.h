@@ -1,25 +1,11 @@
 // Where a fit stands, and how it goes down from there: damped Gauss-Newton steps on derivatives by simulation.
 #pragma once
 
-#include <optional>
 #include <vector>
 
-#include "diagnose/fit.h"
+#include "diagnose/slope_simulation.h"
 
 namespace binrig {
-
-/// A model, where the targets want to be with it, and what that leaves of the data.
-struct FitState {
-  SensorModel model;
-  Eigen::VectorXd value;  ///< of the fitted parameters, on the scale of the fit
-  std::vector<Offset> offsets;
-  std::vector<double> place;
-  std::vector<StatVector> simulations;  ///< one a seed
-  std::vector<Whitened> noise;          ///< of their mean, see MeanOfSimulations
-  Whitened residual;
-  double chi = 0;         ///< Fit::chi
-  double dispersion = 1;  ///< chi by known statistic, at least 1
-};
 
 constexpr double least_gain = 1;  ///< of chi, for which a value is taken
 
@@ -27,6 +13,8 @@ constexpr double least_gain = 1;  ///< of chi, for which a value is taken
 /// Whatever simulates throws what simulating throws.
 class Descent {
  public:
+  Descent(const Descent&) = delete;  // its slopes refer to it
+  Descent& operator=(const Descent&) = delete;
   /// Stands at `start` with the targets at `offsets`.
   Descent(const Experiment& experiment, const Standard& standard, const Metric& metric, const Whitened& data,
           std::vector<FitParameter> parameters, const SensorModel& start, const std::vector<Offset>& offsets,
@@ -44,7 +32,7 @@ class Descent {
   void also_fit(const std::vector<FitParameter>& more);
   Eigen::VectorXd within_bounds(Eigen::VectorXd value) const;
   /// Share of the captures in which a parameter changed anything; 1 where that was not asked.
-  double touched_share(int parameter) const;
+  double touched_share(int parameter) const { return slopes_.touched_share(parameter); }
 
   /// Goes down until chi falls by less than FitOptions::converged.
   void run();
@@ -52,25 +40,10 @@ class Descent {
   Fit result() &&;
 
  private:
-  /// Captures in which a parameter changed anything when it was asked at `value`.
-  struct Touched {
-    double value = 0;
-    std::vector<int> captures;
-  };
-
   FitState evaluate(const SensorModel& model, const Eigen::VectorXd& value) const;
   Eigen::VectorXd values_of_model() const;
-  Trial trial(const SensorModel& model, const std::vector<Offset>& offsets, int seed) const;
   Explained explain(FitState& state) const;
   bool moved(const Explained& explained, FitState& state) const;
-  double derivative_step(int parameter) const;
-  std::vector<int> changed_captures(const StatVector& a, const StatVector& b) const;
-  std::vector<std::vector<StatVector>> simulate_ahead(const std::vector<int>& moved);
-  std::vector<std::vector<StatVector>> simulate_behind(const std::vector<int>& moved) const;
-  void stay_elsewhere(StatVector& result, const StatVector& as_it_is, const std::vector<int>& simulated) const;
-  void simulate_slopes();
-  void simulate_slopes_of(const std::vector<int>& moved);
-  void forget_bias(Whitened& change) const;
   void linearise(Eigen::MatrixXd& a, Eigen::VectorXd& b);
   void box(Eigen::VectorXd& lower, Eigen::VectorXd& upper) const;
   Eigen::Array<bool, Eigen::Dynamic, 1> acting_widely() const;
@@ -84,8 +57,8 @@ class Descent {
   std::vector<FitParameter> parameters_;
   int n_;  // parameters
   FitState now_;
-  Fit fit_;                                      // slopes, precision and what was paused
-  std::vector<std::optional<Touched>> touched_;  // by parameter
+  Fit fit_;  // slopes, precision and what was paused
+  SlopeSimulation slopes_;
 };
 
 }  // namespace binrig

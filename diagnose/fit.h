@@ -30,6 +30,11 @@ struct FitParameter {
 /// to the value for a logarithmic one. The prior is centred on the model's value.
 FitParameter fit_parameter(const EffectInstance& instance, const ParameterSpec& spec, double closeness = 0);
 
+/// Throws Error if the model has no such instance.
+ParameterValue& value_in(SensorModel& model, const std::string& id, const std::string& name);
+/// The model with its fitted parameters at `x`, on the scales of their fits. Throws Error if it lacks one's instance.
+SensorModel with_values(SensorModel model, const std::vector<FitParameter>& parameters, const Eigen::VectorXd& x);
+
 /// The continuous parameters of the instances named (all if empty), without narrow ones.
 std::vector<FitParameter> fit_parameters(const SensorModel& model, const EffectCatalogue& catalogue,
                                          const std::vector<std::string>& ids = {});

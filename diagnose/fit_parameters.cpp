@@ -5,6 +5,7 @@
 
 #include <Eigen/Cholesky>
 
+#include "core/error.h"
 #include "diagnose/fit.h"
 
 namespace binrig {
@@ -53,6 +54,18 @@ FitParameter fit_parameter(const EffectInstance& instance, const ParameterSpec& 
   }
   p.prior_centre = p.scaled(value);
   return p;
+}
+
+ParameterValue& value_in(SensorModel& model, const std::string& id, const std::string& name) {
+  for (auto& instance : model.effects)
+    if (instance.id == id) return instance.values.at(name);
+  throw Error("the model has no " + id);
+}
+
+SensorModel with_values(SensorModel model, const std::vector<FitParameter>& parameters, const Eigen::VectorXd& x) {
+  for (std::size_t p = 0; p < parameters.size(); ++p)
+    value_in(model, parameters[p].id, parameters[p].name).value = parameters[p].natural(x[static_cast<int>(p)]);
+  return model;
 }
 
 std::vector<FitParameter> fit_parameters(const SensorModel& model, const EffectCatalogue& catalogue,

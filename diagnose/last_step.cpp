@@ -273,12 +273,6 @@ bool silent(const Whitened& slope) {
   return std::all_of(slope.begin(), slope.end(), [](float v) { return v == 0; });
 }
 
-ParameterValue& value_in(SensorModel& model, const std::string& id, const std::string& name) {
-  for (auto& instance : model.effects)
-    if (instance.id == id) return instance.values.at(name);
-  throw Error("the model has no " + id);
-}
-
 LastStep last_step(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                    const std::vector<FitParameter>& priors, bool series, std::uint64_t seed) {
   return Step(experiment, motions, rung, priors, series, seed).run();

@@ -18,8 +18,6 @@ inline constexpr int short_frames = 3;        ///< of a capture while derivative
 double prior_deviation(const FitParameter& parameter);
 /// Nothing moves with the parameter whose derivative this is.
 bool silent(const Whitened& slope);
-/// Throws Error if the model has no such instance.
-ParameterValue& value_in(SensorModel& model, const std::string& id, const std::string& name);
 
 struct LastStep {
   SensorModel model;  ///< the rung's, with the step taken
