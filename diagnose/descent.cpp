@@ -88,6 +88,7 @@ Fit Descent::result() && {
   fit_.simulations = std::move(now_.simulations);
   fit_.residual = std::move(now_.residual);
   fit_.chi = now_.chi;
+  fit_.dispersion = now_.dispersion;
   return std::move(fit_);
 }
 

@@ -14,6 +14,7 @@
 #include "diagnose/advice.h"
 #include "diagnose/edge_registration.h"
 #include "diagnose/last_step.h"
+#include "diagnose/masks.h"
 #include "diagnose/plausibility.h"
 #include "diagnose/score.h"
 #include "diagnose/screen.h"
@@ -99,10 +100,12 @@ class Climb {
   }
 
  private:
-  /// Where hardly anything is left, what is left may be a fit that stopped half-way or the place of a target.
+  /// Where hardly anything is left, what is left may be the place of a target, a mask in the wrong valley or a fit that
+  /// stopped half-way.
   void finish(Rung& rung) const {
     if (rung.dispersion > leaves_something) return;
     register_by_edges(experiment_, motions_, measured_, rung_options_, rung);
+    fit_masks(experiment_, motions_, measured_, given_, rung_options_, rung);
     settle_down(experiment_, motions_, measured_, rung_options_, rung);
   }
 

@@ -5,7 +5,6 @@
 
 #include <fmt/format.h>
 
-#include "core/parallel.h"
 #include "diagnose/mean_of_simulations.h"
 #include "diagnose/score.h"
 #include "diagnose/trace.h"
@@ -14,36 +13,8 @@ namespace binrig {
 namespace {
 
 constexpr int seeds = 4;
-constexpr double far_out = 2;   // standard deviations of what simulations do
-constexpr double much = 30;     // of a square, beside that
 constexpr double worth_it = 9;  // of a square: three standard deviations of one motion
 constexpr int most_steps = 3;   // of one motion in one direction
-
-/// Sum of squares by capture of all segments but the bias maps, by which targets are registered.
-std::vector<double> squares_beside_bias(const Layout& layout, const Whitened& rest) {
-  std::vector<double> squares(layout.captures, 0);
-  for (const Block& block : layout.blocks)
-    if (segments()[block.segment].name != "bias")
-      for (int i = block.offset; i < block.offset + block.size; ++i)
-        squares[block.capture] += static_cast<double>(rest[i]) * rest[i];
-  return squares;
-}
-
-std::vector<int> captures_far_out(const Layout& layout, const Rung& rung) {
-  const auto measured = squares_beside_bias(layout, rung.rest);
-  std::vector<std::vector<double>> nulls(rung.nulls.size());
-  parallel_for(static_cast<int>(nulls.size()),
-               [&](int k) { nulls[k] = squares_beside_bias(layout, remains_of(rung, rung.nulls[k], {}).rest); });
-  std::vector<int> captures;
-  for (int c = 0; c < layout.captures; ++c) {
-    double sum = 0, square = 0;
-    for (const auto& null : nulls) sum += null[c], square += null[c] * null[c];
-    const double n = static_cast<double>(nulls.size()), mean = sum / n;
-    const double deviation = std::sqrt(std::max(0.0, square / n - mean * mean));
-    if (measured[c] > mean + far_out * deviation && measured[c] > mean + much) captures.push_back(c);
-  }
-  return captures;
-}
 
 /// Walks the target of one capture.
 class Walk {
@@ -119,7 +90,7 @@ bool register_by_edges(const Experiment& experiment, const std::vector<SceneMoti
   const Layout& layout = experiment.layout();
   std::vector<Offset> offsets = rung.offsets;
   bool moved = false;
-  for (const int capture : captures_far_out(layout, rung)) {
+  for (const int capture : captures_that_stand_out(layout, rung)) {
     Walk walk(experiment, motions, rung, capture, options.seed + 700);
     walk.run();
     moved |= !(walk.offsets()[capture] == rung.offsets[capture]);

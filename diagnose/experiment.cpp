@@ -97,6 +97,19 @@ const Block* Layout::find(int capture, const std::string& segment_name) const {
   return nullptr;
 }
 
+std::vector<int> captures_that_differ(const Layout& layout, const StatVector& a, const StatVector& b) {
+  std::vector<int> captures;
+  for (const Block& block : layout.blocks) {
+    if (!captures.empty() && captures.back() == block.capture) continue;
+    for (int i = block.offset; i < block.offset + block.size; ++i)
+      if (a[i] != b[i] && !(std::isnan(a[i]) && std::isnan(b[i]))) {
+        captures.push_back(block.capture);
+        break;
+      }
+  }
+  return captures;
+}
+
 void fill_unknown(const Layout& layout, std::vector<StatVector>& simulations, bool by_block) {
   for (const Block& block : layout.blocks) {
     double all = 0, known = 0;

@@ -40,6 +40,9 @@ struct Layout {
 /// none knows, too, with the mean of its block in the image, if any of that is known.
 void fill_unknown(const Layout& layout, std::vector<StatVector>& simulations, bool by_block = false);
 
+/// Captures of which two simulations do not say the same.
+std::vector<int> captures_that_differ(const Layout& layout, const StatVector& a, const StatVector& b);
+
 /// Which captures take part.
 enum class Part { all, train, test };
 

@@ -191,7 +191,7 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
   Seeker seeker(descent, experiment, options);
   descent.run();
   if (seeker.scan()) descent.run();
-  if (options.probe && seeker.probe()) descent.run();
+  if (descent.now().dispersion <= options.probe_within && seeker.probe()) descent.run();
   return std::move(descent).result();
 }
 

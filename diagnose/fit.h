@@ -61,8 +61,9 @@ struct FitOptions {
   /// once they are near.
   std::vector<std::string> scan_ids;
   /// Strengths of what touches few captures (masks) are tried far and near where the descent ends, and what moved
-  /// nothing is tried far: what moves pixel after pixel has valleys between which slopes do not lead.
-  bool probe = false;
+  /// nothing is tried far: what moves pixel after pixel has valleys between which slopes do not lead. Only where the
+  /// dispersion there is no larger than this; 0 = not at all.
+  double probe_within = 0;
   std::vector<std::string> fixed;  ///< parameters of theirs, by id.name, that stay
   /// Of this instance, narrow parameters are sought over the whole typical range, unless it has a phase: a period is
   /// worth nothing with another one's.
@@ -88,7 +89,8 @@ struct Fit {
   std::vector<bool> paused;
   std::vector<StatVector> simulations;  ///< of the model where it ended, one a seed
   Whitened residual;                    ///< what the model and the nuisances leave of the data, compressed
-  double chi = 0;  ///< of Metric::explain, without the simulations' own noise, plus the prior's part
+  double chi = 0;         ///< of Metric::explain, without the simulations' own noise, plus the prior's part
+  double dispersion = 1;  ///< chi by known statistic, at least 1
   int rounds = 0;
   bool converged = false;
 };

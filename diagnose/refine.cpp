@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -129,7 +130,7 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   fit.converged = 1;
   fit.seed = seed + 40;
   fit.scan_ids = {id};
-  fit.probe = true;
+  fit.probe_within = std::numeric_limits<double>::infinity();
   fit.scan_ranges_of = id;
   const auto parameters = fit_parameters(model, catalogue, {id});
   const Places places = places_for(refiner, model);
@@ -143,7 +144,7 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   fit.most_frames = 0;
   fit.iterations = 0;
   fit.scan_ids.clear();
-  fit.probe = false;
+  fit.probe_within = 0;
   return {id, fit_model(experiment, rung.standard, rung.train, rung.data, first.model, first.parameters, first.offsets,
                         fit)};
 }

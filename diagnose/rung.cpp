@@ -135,7 +135,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.fixed = options.fixed;
     if (pass + 1 == options.passes) {
       fit.scan_ids = ids;
-      fit.probe = true;
+      fit.probe_within = far_off;  // of a model that lacks much, masks only bend to make up for it
     } else if (options.scan_ranges) {
       fit.scan_ids = ids;
       fit.scan_all_ranges = true;
@@ -148,12 +148,12 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     rung.fit = fit_model(experiment, rung.standard, metric, rung.standard.linear(few), rung.model, parameters,
                          rung.offsets, fit);
     parameters = rung.fit.parameters;
-    if (pass + 1 == options.passes) {  // a last step with all frames
+    if (pass + 1 == options.passes && rung.fit.dispersion <= far_off) {  // a last step with all frames
       fit.nearby = &rung.fit;
       fit.most_frames = 0;
       fit.iterations = 0;
       fit.scan_ids.clear();
-      fit.probe = false;
+      fit.probe_within = 0;
       fit.place = rung.fit.place;
       const Fit found = fit_model(experiment, rung.standard, metric, rung.standard.linear(measured.all), rung.fit.model,
                                   parameters, rung.fit.offsets, fit);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/parallel.h"
+
 namespace binrig {
 namespace {
 
@@ -50,6 +52,33 @@ double proper_score(const Layout& layout, const Rung& rung, Part part) {
     }
   }
   return known > 0 ? proper / known : 0;
+}
+
+std::vector<double> squares_beside_bias(const Layout& layout, const Whitened& rest) {
+  std::vector<double> squares(layout.captures, 0);
+  for (const Block& block : layout.blocks)
+    if (segments()[block.segment].name != "bias")
+      for (int i = block.offset; i < block.offset + block.size; ++i)
+        squares[block.capture] += static_cast<double>(rest[i]) * rest[i];
+  return squares;
+}
+
+std::vector<int> captures_that_stand_out(const Layout& layout, const Rung& rung) {
+  constexpr double far_out = 2;  // standard deviations of what simulations do
+  constexpr double much = 30;    // of a square, beside that
+  const auto measured = squares_beside_bias(layout, rung.rest);
+  std::vector<std::vector<double>> nulls(rung.nulls.size());
+  parallel_for(static_cast<int>(nulls.size()),
+               [&](int k) { nulls[k] = squares_beside_bias(layout, remains_of(rung, rung.nulls[k], {}).rest); });
+  std::vector<int> captures;
+  for (int c = 0; c < layout.captures; ++c) {
+    double sum = 0, square = 0;
+    for (const auto& null : nulls) sum += null[c], square += null[c] * null[c];
+    const double n = static_cast<double>(nulls.size()), mean = sum / n;
+    const double deviation = std::sqrt(std::max(0.0, square / n - mean * mean));
+    if (measured[c] > mean + far_out * deviation && measured[c] > mean + much) captures.push_back(c);
+  }
+  return captures;
 }
 
 std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,

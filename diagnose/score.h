@@ -13,6 +13,12 @@ double proper_score(const Layout& layout, const Rung& rung, Part part = Part::te
 std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
                           const std::vector<Rung>& rungs);
 
+/// Sum of squares by capture of all segments but the bias maps, by which targets are registered.
+std::vector<double> squares_beside_bias(const Layout& layout, const Whitened& rest);
+/// Captures whose squares beside bias are beyond two standard deviations of those of the rung's own simulations, and by
+/// more than one element's noise: worth a look, no finding.
+std::vector<int> captures_that_stand_out(const Layout& layout, const Rung& rung);
+
 /// A segment on one side of the split against the model's own simulations. Beside the segments of the statistics there
 /// are "poses" and "intrinsics": how far from nominal, in their stated uncertainty, targets must stand and the camera's
 /// numbers be for the model to be right.

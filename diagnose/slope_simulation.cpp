@@ -22,19 +22,6 @@ std::vector<Whitened> differences_of(const Standard& standard, const std::vector
   return result;
 }
 
-std::vector<int> captures_that_differ(const Layout& layout, const StatVector& a, const StatVector& b) {
-  std::vector<int> captures;
-  for (const Block& block : layout.blocks) {
-    if (!captures.empty() && captures.back() == block.capture) continue;
-    for (int i = block.offset; i < block.offset + block.size; ++i)
-      if (a[i] != b[i] && !(std::isnan(a[i]) && std::isnan(b[i]))) {
-        captures.push_back(block.capture);
-        break;
-      }
-  }
-  return captures;
-}
-
 /// Copies what captures say that were not simulated.
 void stay_elsewhere(const Layout& layout, StatVector& result, const StatVector& as_it_is,
                     const std::vector<int>& simulated) {
