@@ -24,7 +24,8 @@
 namespace binrig {
 namespace {
 
-constexpr double leaves_something = 1.05;   // dispersion
+constexpr double leaves_something = 1.05;  // dispersion
+constexpr double leaves_little = 1.3;
 constexpr double close_behind = 0.9;        // share of the best one's gain
 constexpr double least_fall = 0.02;         // share of what is left of the held-out score
 constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
@@ -100,13 +101,13 @@ class Climb {
   }
 
  private:
-  /// Where hardly anything is left, what is left may be the place of a target, a mask in the wrong valley or a fit that
+  /// Where little is left, what is left may be the place of a target, a mask in the wrong valley or a fit that
   /// stopped half-way.
   void finish(Rung& rung) const {
-    if (rung.dispersion > leaves_something) return;
+    if (rung.dispersion > leaves_little) return;
     register_by_edges(experiment_, motions_, measured_, rung_options_, rung);
     fit_masks(experiment_, motions_, measured_, given_, rung_options_, rung);
-    settle_down(experiment_, motions_, measured_, rung_options_, rung);
+    if (rung.dispersion <= leaves_something) settle_down(experiment_, motions_, measured_, rung_options_, rung);
   }
 
   /// What the rung's model still lacks: hypotheses and their signatures.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <optional>
 
 #include <fmt/format.h>
@@ -61,6 +62,12 @@ class MaskScore : public cv::MinProblemSolver::Function {
   const std::uint64_t seed_;
 };
 
+std::vector<int> either(const std::vector<int>& a, const std::vector<int>& b) {
+  std::vector<int> result;
+  std::ranges::set_union(a, b, std::back_inserter(result));
+  return result;
+}
+
 std::vector<FitParameter> parameters_of(const Rung& rung, const std::string& id) {
   std::vector<FitParameter> result;
   for (const FitParameter& p : rung.fit.parameters)
@@ -108,9 +115,12 @@ bool fit_masks(const Experiment& experiment, const std::vector<SceneMotion>& mot
     const EffectInstance* begun = given.find(effect.id);
     const auto parameters = parameters_of(rung, effect.id);
     if (!begun || parameters.size() < 2) continue;  // one alone was tried near and far
-    SensorModel without = rung.model;
+    SensorModel without = rung.model, as_given = rung.model;
     std::erase_if(without.effects, [&](const EffectInstance& e) { return e.id == effect.id; });
-    auto captures = captures_that_differ(layout, with, simulated(without));
+    for (const FitParameter& p : parameters) value_in(as_given, p.id, p.name).value = begun->value(p.name);
+    // One that went where it clears nothing has to find back.
+    auto captures = either(captures_that_differ(layout, with, simulated(without)),
+                           captures_that_differ(layout, with, simulated(as_given)));
     if (2 * static_cast<int>(captures.size()) > layout.captures) continue;
     if (std::ranges::find_first_of(captures, out) == captures.end()) continue;
     std::erase_if(captures, [&](int c) { return !layout.train[c]; });
