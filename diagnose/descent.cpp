@@ -257,12 +257,13 @@ void Descent::run() {
     const double enough = options_.converged * now_.dispersion;
     double gained = 0, promised = 0;
     const Eigen::VectorXd from = now_.value;
+    // Chi is rough along what acts in a few captures: that must not keep all others from going.
+    const bool mixed = acts_widely.any() && !acts_widely.all();
     const int attempts = fresh ? 6 : options_.iterations == 0 ? 4 : 2;
     for (int attempt = 0; attempt < attempts && gained == 0; ++attempt) {
       Eigen::MatrixXd damped = a;
       damped.diagonal() *= 1 + damping;
-      // Chi is rough along what acts in a few captures: that must not keep all others from going.
-      const bool smooth = attempt % 2 == 1;
+      const bool smooth = mixed && attempt % 2 == 1;
       const auto in_box = [&](const Eigen::VectorXd& end) -> Eigen::VectorXd {
         return smooth ? Eigen::VectorXd(acts_widely.select(end, 0)) : end;
       };
@@ -274,7 +275,7 @@ void Descent::run() {
         gained = now_.chi - next.chi;
         now_ = std::move(next);
         damping = std::max(1e-4, damping / 5);
-      } else if (smooth) {
+      } else if (smooth || !mixed) {
         damping = std::max(0.01, 10 * damping);
       }
     }

@@ -14,7 +14,7 @@
 #include "diagnose/advice.h"
 #include "diagnose/edge_registration.h"
 #include "diagnose/last_step.h"
-#include "diagnose/masks.h"
+#include "diagnose/mask_fit.h"
 #include "diagnose/plausibility.h"
 #include "diagnose/score.h"
 #include "diagnose/screen.h"

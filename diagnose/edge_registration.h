@@ -6,9 +6,9 @@
 
 namespace binrig {
 
-/// In captures whose masks, edges and noise are further from the model than its own simulations ever are, tries the
-/// target a little to either side, motion by motion and by simulation, about where the rung has it; what targets are
-/// registered to (registered_to) is the length of a step. Where that explains these captures, the rung is made anew
+/// In captures that stand out from the rung's model (captures_that_stand_out, diagnose/score.h), tries the target a
+/// little to either side, motion by motion and by simulation, about where the rung has it; what targets are registered
+/// to (registered_to) is the length of a step. Where that explains these captures, the rung is made anew
 /// with the targets there, if its proper score (diagnose/score.h) over all captures falls. Nuisances alone are fitted,
 /// so that captures held out have a say in theirs. `options`: with which the rung was fitted. True if the rung is
 /// another one. Throws what simulating throws.

@@ -1,4 +1,4 @@
-#include "diagnose/masks.h"
+#include "diagnose/mask_fit.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,7 +14,7 @@
 namespace binrig {
 namespace {
 
-constexpr int simulations = 12;
+constexpr int simulations = 8, short_frames = 3;
 constexpr int most_evaluations = 40;
 constexpr double worth_it = 4;  // of a proper score, summed: two standard deviations of one parameter
 const std::string what_for = "fitting masks";
@@ -40,12 +40,12 @@ class MaskScore : public cv::MinProblemSolver::Function {
 
   double of(const SensorModel& model) const {
     std::vector<Trial> trials;
-    for (int k = 0; k < simulations; ++k) {
-      trials.push_back({model, rung_.offsets, seed_ + static_cast<std::uint64_t>(k), Part::train});
-      trials.back().only = captures_;
-    }
-    const Standard standard(experiment_.layout(), measured_.all, experiment_.simulate(trials, what_for));
-    const Whitened rest = standard.standardise(measured_.all);
+    for (int k = 0; k < simulations; ++k)
+      trials.push_back(
+          {model, rung_.offsets, seed_ + static_cast<std::uint64_t>(k), Part::train, short_frames, true, captures_});
+    const StatVector& few = measured_.at(short_frames, true);
+    const Standard standard(experiment_.layout(), few, experiment_.simulate(trials, what_for));
+    const Whitened rest = standard.standardise(few);
     double score = 0;
     for (std::size_t i = 0; i < rest.size(); ++i)
       if (const float s = standard.spread()[i]; s > 0)

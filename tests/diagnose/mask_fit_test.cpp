@@ -1,5 +1,5 @@
 // Masks in the wrong one of two valleys.
-#include "diagnose/masks.h"
+#include "diagnose/mask_fit.h"
 
 #include <cmath>
 
