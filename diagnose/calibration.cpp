@@ -84,18 +84,15 @@ class Calibrator {
     Calibration result;
     result.rung = fit_rung(experiment_, motions_, measured_, start_, {}, rung_options_);
     comb_steps(experiment_, motions_, measured_, start_, rung_options_, result.rung);
+    first_ = result.rung.fit.parameters;
     if (result.rung.dispersion <= explains)
       register_by_edges(experiment_, motions_, measured_, rung_options_, result.rung);
-    first_ = result.rung.fit.parameters;
     for (int round = 0;; ++round) {
       last_ = last_step(experiment_, motions_, result.rung, first_, series_, rung_options_.seed);
       model_ = last_.model;
       result.converged = last_.length < near_enough;
       if (result.converged || round + 1 == (result.rung.dispersion > wrong ? 2 : most_rounds)) break;
-      RungOptions again = rung_options_;
-      again.passes = 0;
-      again.narrow = narrow_of(first_);
-      result.rung = fit_rung(experiment_, motions_, measured_, model_, result.rung.offsets, again);
+      result.rung = made_anew(experiment_, motions_, measured_, model_, result.rung.offsets, rung_options_, first_);
     }
     result.dispersion = result.rung.dispersion;
     report(result.rung);

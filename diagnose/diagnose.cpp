@@ -24,8 +24,8 @@
 namespace binrig {
 namespace {
 
-constexpr double leaves_something = 1.05;  // dispersion
-constexpr double leaves_little = 1.3;
+constexpr double leaves_something = 1.05;   // dispersion
+constexpr double leaves_little = 1.3;       // dispersion up to which places and masks are looked after
 constexpr double close_behind = 0.9;        // share of the best one's gain
 constexpr double least_fall = 0.02;         // share of what is left of the held-out score
 constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that

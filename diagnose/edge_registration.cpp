@@ -97,10 +97,7 @@ bool register_by_edges(const Experiment& experiment, const std::vector<SceneMoti
     offsets[capture] = walk.offsets()[capture];
   }
   if (!moved) return false;
-  RungOptions again = options;
-  again.passes = 0;
-  again.narrow = narrow_of(rung.fit.parameters);
-  Rung next = fit_rung(experiment, motions, measured, rung.model, offsets, again);
+  Rung next = made_anew(experiment, motions, measured, rung.model, offsets, options, rung.fit.parameters);
   const double now = proper_score(layout, rung, Part::all), then = proper_score(layout, next, Part::all);
   if (tracing()) fmt::print(stderr, "  registered by edges: proper {:.4f} -> {:.4f}\n", now, then);
   if (then >= now) return false;

@@ -132,10 +132,7 @@ bool fit_masks(const Experiment& experiment, const std::vector<SceneMotion>& mot
     for (const FitParameter& p : parameters) value_in(found, p.id, p.name).value = model->find(p.id)->value(p.name);
   }
   if (!moved) return false;
-  RungOptions again = options;
-  again.passes = 0;
-  again.narrow = narrow_of(rung.fit.parameters);
-  Rung next = fit_rung(experiment, motions, measured, found, rung.offsets, again);
+  Rung next = made_anew(experiment, motions, measured, found, rung.offsets, options, rung.fit.parameters);
   const double now = proper_score(layout, rung, Part::train), then = proper_score(layout, next, Part::train);
   if (tracing()) fmt::print(stderr, "  masks: proper on train {:.4f} -> {:.4f}\n", now, then);
   if (then >= now) return false;

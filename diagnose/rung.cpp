@@ -258,6 +258,15 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   return rung;
 }
 
+Rung made_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
+               const SensorModel& model, const std::vector<Offset>& offsets, const RungOptions& options,
+               const std::vector<FitParameter>& parameters) {
+  RungOptions again = options;
+  again.passes = 0;
+  again.narrow = narrow_of(parameters);
+  return fit_rung(experiment, motions, measured, model, offsets, again);
+}
+
 Remains remains_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place) {
   Explained train = rung.train.explain(difference, place);
   const Explained test = rung.test.explain(difference, place, train.global);

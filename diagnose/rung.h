@@ -52,4 +52,11 @@ bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalog
 Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
               const SensorModel& start, const std::vector<Offset>& offsets, const RungOptions& options);
 
+/// The rung of another model, or with targets elsewhere: nothing is fitted, its randomness is learned anew. Its priors
+/// stand where this model does. `options`, `parameters`: with which, and with what fitted, the one before was made.
+/// Throws what simulating throws.
+Rung made_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
+               const SensorModel& model, const std::vector<Offset>& offsets, const RungOptions& options,
+               const std::vector<FitParameter>& parameters);
+
 }  // namespace binrig

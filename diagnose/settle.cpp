@@ -19,9 +19,6 @@ void settle_down(const Experiment& experiment, const std::vector<SceneMotion>& m
                  const RungOptions& options, Rung& rung) {
   const std::vector<FitParameter> priors = rung.fit.parameters;
   const bool series = needs_whole_series(rung.model, experiment.forward().catalogue());
-  RungOptions again = options;
-  again.passes = 0;
-  again.narrow = narrow_of(priors);
   double share = 1;  // of a step
   for (int k = 0; k < most_steps; ++k) {
     const LastStep step = last_step(experiment, motions, rung, priors, series, options.seed);
@@ -32,7 +29,7 @@ void settle_down(const Experiment& experiment, const std::vector<SceneMotion>& m
       value_in(model, priors[p].id, priors[p].name).value =
           priors[p].natural(step.value[i] - (1 - share) * step.step[i]);
     }
-    Rung next = fit_rung(experiment, motions, measured, model, rung.offsets, again);
+    Rung next = made_anew(experiment, motions, measured, model, rung.offsets, options, priors);
     const double now = proper_score(experiment.layout(), rung, Part::train),
                  then = proper_score(experiment.layout(), next, Part::train);
     if (tracing()) fmt::print(stderr, "  settling: proper on train {:.4f} -> {:.4f}\n", now, then);

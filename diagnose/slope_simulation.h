@@ -47,6 +47,7 @@ class SlopeSimulation {
         now_(now),
         fit_(fit) {}
 
+  /// Takes them; what drowns in its own noise is taken again over the longest step. Throws what simulating throws.
   void run();
   /// Share of the captures in which a parameter changed anything; 1 where that was not asked.
   double touched_share(int parameter) const;
