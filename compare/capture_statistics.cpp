@@ -77,7 +77,15 @@ struct CaptureStatistics::Impl {
       r[p] = m[p] * (z[p] - nominal[p]);
     }
     double depth_mm = 0, measured = 0;
-    for (int p = 0; p < count; ++p) depth_mm += m[p] * interior[p] * nominal[p], measured += m[p] * interior[p];
+    for (int v = 0; v < size.height; ++v) {
+      float row_depth_mm = 0, row_measured = 0;
+#pragma omp simd reduction(+ : row_depth_mm, row_measured)
+      for (int p = v * size.width; p < (v + 1) * size.width; ++p) {
+        row_depth_mm += m[p] * interior[p] * nominal[p];
+        row_measured += m[p] * interior[p];
+      }
+      depth_mm += row_depth_mm, measured += row_measured;
+    }
     robust_spread(seen.residual_mm, seen.measured, regions->interior, seen.centre_mm, seen.scale_mm);
     const float centre = static_cast<float>(seen.centre_mm),
                 limit = static_cast<float>(outlier_limit_mm(seen, measured > 0 ? depth_mm / measured : 0));

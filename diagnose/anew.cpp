@@ -78,6 +78,7 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
     options.most_frames = frames;
     options.iterations = 12;
     options.converged = 20;
+    options.converged_far_off = 0.01;
     options.seed = seed;
     options.scan_ids = {anew.id};
     options.scan_ranges_of = anew.id;

@@ -15,6 +15,7 @@ namespace binrig {
 
 namespace {
 
+constexpr double far_off = 3;           // dispersion, see FitOptions::converged_far_off
 constexpr double pause_below = 4;  // data's information on a parameter, in units of its prior's, see Fit::paused
 
 /// Minimum of x'Mx/2 - b'x over |x| <= limit, element by element, by projected coordinate descent: a parameter that
@@ -254,7 +255,8 @@ void Descent::run() {
     if (options_.iterations == 0 && !given) return;
     box(lower, upper);
     const auto acts_widely = acting_widely();
-    const double enough = options_.converged * now_.dispersion;
+    const double enough = std::max(options_.converged * now_.dispersion,
+                                   now_.dispersion > far_off ? options_.converged_far_off * now_.chi : 0);
     double gained = 0, promised = 0;
     const Eigen::VectorXd from = now_.value;
     // Chi is rough along what acts in a few captures: that must not keep all others from going.

@@ -49,6 +49,9 @@ struct FitOptions {
   int iterations =
       5;  ///< slopes are simulated at most so often; 0: derivatives at the start, or steps with those of `nearby`
   double converged = 1;  ///< gain of chi, in units of its mean square, that ends the fit
+  /// Ends it, too, as a share of chi, where the dispersion is beyond 3: there something else is missing, and what the
+  /// last percents of a fit bend is of no use to who seeks it.
+  double converged_far_off = 0;
   Part part = Part::train;
   std::uint64_t seed = 101;
   std::vector<double> place;  ///< of the metric's nuisances in simulations at `offsets`, see Metric::explain

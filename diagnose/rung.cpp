@@ -129,6 +129,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.shorten_series = !series;
     fit.iterations = options.iterations;
     fit.converged = pass + 1 < options.passes ? 100 : 2;  // the weights of the first pass are not the model's own yet
+    fit.converged_far_off = 0.01;
     fit.seed = options.seed + 500;
     fit.place = values_of(motions, rung.offsets);
     fit.motions = &motions;

@@ -6,6 +6,7 @@
 // 1/period sees the value modulo the period only.
 #include <cmath>
 #include <complex>
+#include <numeric>
 
 #include "compare/statistic.h"
 #include "core/spectrum.h"
@@ -62,11 +63,20 @@ class Comb : public Statistic {
     const int count = static_cast<int>(observed.used.total());
     constexpr float depth_per_bin = 1 / depth_bin_mm;
     const float disparity_scale = focal_baseline_ / disparity_bin_px;
-    for (int p = 0; p < count; ++p) {
-      if (w[p] == 0.f) continue;
-      depth_[static_cast<int>(z[p] * depth_per_bin + 0.5f) & (depth_size - 1)] += 1;
-      if (focal_baseline_ > 0) disparity_[static_cast<int>(disparity_scale / z[p]) & (disparity_size - 1)] += 1;
-      total_ += 1;
+    constexpr int piece = 1024;
+    int depth_bin[piece], disparity_bin[piece];
+    for (int first = 0; first < count; first += piece) {
+      const int size = std::min(piece, count - first);
+      const float *depth = z + first, *used = w + first;
+      for (int i = 0; i < size; ++i) {
+        depth_bin[i] = static_cast<int>(depth[i] * depth_per_bin + 0.5f) & (depth_size - 1);
+        disparity_bin[i] = static_cast<int>(disparity_scale / std::max(depth[i], 1.f)) & (disparity_size - 1);
+      }
+      for (int i = 0; i < size; ++i) {
+        depth_[depth_bin[i]] += used[i];
+        disparity_[disparity_bin[i]] += used[i];
+      }
+      total_ += std::accumulate(used, used + size, 0.f);
     }
   }
 

@@ -45,7 +45,8 @@ class FixedPattern : public Statistic {
     float *s = half.sum.ptr<float>(), *n = half.count.ptr<float>();
     const float *r = observed.residual_mm.ptr<float>(), *w = observed.used.ptr<float>();
     const float centre = static_cast<float>(observed.centre_mm);
-    for (std::size_t p = 0; p < half.sum.total(); ++p) {
+    const int count = static_cast<int>(half.sum.total());
+    for (int p = 0; p < count; ++p) {
       s[p] += w[p] * (r[p] - centre);
       n[p] += w[p];
     }
@@ -60,13 +61,12 @@ class FixedPattern : public Statistic {
     if (halves_[0].frames == 0) return raw;
     Half& a = halves_[0];
     Half& b = halves_[1].frames > 0 ? halves_[1] : halves_[0];
-    cv::Mat mask = cv::Mat::zeros(a.sum.size(), CV_32F);
-    double known = 0;
-    for (std::size_t p = 0; p < mask.total(); ++p)
-      if (a.count.ptr<float>()[p] >= 0.5f * a.frames && b.count.ptr<float>()[p] >= 0.5f * b.frames)
-        mask.ptr<float>()[p] = 1, known += 1;
+    const cv::Mat mask = known_in(a, b);
+    const double known = cv::sum(mask)[0];
     if (known < 0.3 * mask.total()) return raw;
-    const cv::Mat first = high_passed(a, mask), second = &a == &b ? first : high_passed(b, mask);
+    cv::Mat share;
+    cv::blur(mask, share, {high_pass_px, high_pass_px}, {-1, -1}, cv::BORDER_CONSTANT);
+    const cv::Mat first = high_passed(a, mask, share), second = &a == &b ? first : high_passed(b, mask, share);
 
     std::vector<std::complex<float>> x, y;
     const Fft2 fft(mask.rows, mask.cols);
@@ -147,26 +147,38 @@ class FixedPattern : public Statistic {
     }
   }
 
-  static cv::Mat high_passed(const Half& half, const cv::Mat& mask) {
-    cv::Mat map = cv::Mat::zeros(mask.size(), CV_32F), smooth, share;
-    for (std::size_t p = 0; p < map.total(); ++p)
-      if (mask.ptr<float>()[p] > 0) map.ptr<float>()[p] = half.sum.ptr<float>()[p] / half.count.ptr<float>()[p];
+  /// 1 where both halves have depth in at least half of their frames.
+  static cv::Mat known_in(const Half& a, const Half& b) {
+    cv::Mat mask(a.sum.size(), CV_32F);
+    const int count = static_cast<int>(mask.total());
+    const float *in_a = a.count.ptr<float>(), *in_b = b.count.ptr<float>();
+    const float least_a = 0.5f * static_cast<float>(a.frames), least_b = 0.5f * static_cast<float>(b.frames);
+    float* known = mask.ptr<float>();
+    for (int p = 0; p < count; ++p) known[p] = in_a[p] >= least_a && in_b[p] >= least_b ? 1.f : 0.f;
+    return mask;
+  }
+
+  /// Mean residual less its mean over a square, both over what the mask knows. `share`: the mask's mean over the square.
+  static cv::Mat high_passed(const Half& half, const cv::Mat& mask, const cv::Mat& share) {
+    cv::Mat map(mask.size(), CV_32F), smooth;
+    const int count = static_cast<int>(map.total());
+    const float *known = mask.ptr<float>(), *sum = half.sum.ptr<float>(), *n = half.count.ptr<float>();
+    float* m = map.ptr<float>();
+    for (int p = 0; p < count; ++p) m[p] = known[p] > 0 ? sum[p] / std::max(1.f, n[p]) : 0.f;
     cv::blur(map, smooth, {high_pass_px, high_pass_px}, {-1, -1}, cv::BORDER_CONSTANT);
-    cv::blur(mask, share, {high_pass_px, high_pass_px}, {-1, -1}, cv::BORDER_CONSTANT);
-    for (std::size_t p = 0; p < map.total(); ++p)
-      if (mask.ptr<float>()[p] > 0) map.ptr<float>()[p] -= smooth.ptr<float>()[p] / share.ptr<float>()[p];
+    const float *mean = smooth.ptr<float>(), *part = share.ptr<float>();
+    for (int p = 0; p < count; ++p) m[p] -= known[p] > 0 ? mean[p] / std::max(part[p], 1e-6f) : 0.f;
     return map;
   }
 
   static std::vector<std::complex<float>> profile_spectrum(const cv::Mat& map, const cv::Mat& mask) {
     cv::Mat profile = cv::Mat::zeros(1, map.cols, CV_32F);
-    std::vector<double> sum(map.cols, 0), count(map.cols, 0);
-    for (int v = 0; v < map.rows; ++v) {
-      const float *value = map.ptr<float>(v), *counts = mask.ptr<float>(v);
-      for (int u = 0; u < map.cols; ++u) sum[u] += value[u], count[u] += counts[u];
-    }
+    cv::Mat sum, count;
+    cv::reduce(map, sum, 0, cv::REDUCE_SUM, CV_32F);
+    cv::reduce(mask, count, 0, cv::REDUCE_SUM, CV_32F);
     for (int u = 0; u < map.cols; ++u)
-      if (count[u] > 0.3 * map.rows) profile.at<float>(u) = static_cast<float>(sum[u] / count[u]);
+      if (const float n = count.at<float>(u); n > 0.3f * static_cast<float>(map.rows))
+        profile.at<float>(u) = sum.at<float>(u) / n;
     std::vector<std::complex<float>> line;
     Fft2(1, map.cols).forward(profile, line);
     return line;

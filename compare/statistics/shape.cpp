@@ -1,6 +1,7 @@
 // Shape: the distribution of the random part, standardised by the root mean square of its 8 x 8 block in the same
 // frame.
 #include <cmath>
+#include <numeric>
 
 #include "compare/statistic.h"
 
@@ -21,33 +22,32 @@ class Shape : public Statistic {
     const cv::Mat &d = observed.random_mm, &w = observed.random_used;
     for (int v = 0; v + block <= d.rows; v += block)
       for (int u = 0; u + block <= d.cols; u += block) {
-        float s1 = 0, s2 = 0, n = 0;
+        float n[block] = {}, s2[block] = {}, s3[block] = {}, s4[block] = {}, b3[block] = {}, b4[block] = {};  // columns
         for (int y = v; y < v + block; ++y) {
-          const float *dy = d.ptr<float>(y), *wy = w.ptr<float>(y);
-          for (int x = u; x < u + block; ++x) {
-            n += wy[x];
-            s1 += dy[x];
-            s2 += dy[x] * dy[x];
+          const float *dy = d.ptr<float>(y) + u, *wy = w.ptr<float>(y) + u;
+          for (int x = 0; x < block; ++x) {
+            n[x] += wy[x];
+            s2[x] += dy[x] * dy[x];
           }
         }
-        if (n < 0.75f * block * block || s2 <= 0) continue;
-        const float scale = std::sqrt(n / s2);
-        float s3 = 0, s4 = 0, b3 = 0, b4 = 0;
+        const float count = total(n), square = total(s2);
+        if (count < 0.75f * block * block || square <= 0) continue;
+        const float scale = std::sqrt(count / square);
         for (int y = v; y < v + block; ++y) {
-          const float* dy = d.ptr<float>(y);
-          for (int x = u; x < u + block; ++x) {
+          const float* dy = d.ptr<float>(y) + u;
+          for (int x = 0; x < block; ++x) {
             const float t = dy[x] * scale, t2 = t * t;
-            s3 += t2 * t;
-            s4 += t2 * t2;
-            b3 += t2 > 9.f;
-            b4 += t2 > 16.f;
+            s3[x] += t2 * t;
+            s4[x] += t2 * t2;
+            b3[x] += t2 > 9.f ? 1.f : 0.f;
+            b4[x] += t2 > 16.f ? 1.f : 0.f;
           }
         }
-        n_ += n;
-        s3_ += s3;
-        s4_ += s4;
-        b3_ += b3;
-        b4_ += b4;
+        n_ += count;
+        s3_ += total(s3);
+        s4_ += total(s4);
+        b3_ += total(b3);
+        b4_ += total(b4);
       }
   }
 
@@ -71,6 +71,8 @@ class Shape : public Statistic {
   }
 
  private:
+  static float total(const float (&columns)[block]) { return std::accumulate(columns, columns + block, 0.f); }
+
   double n_ = 0, s3_ = 0, s4_ = 0, b3_ = 0, b4_ = 0;
   long interior_ = 0, outliers_ = 0;
 };

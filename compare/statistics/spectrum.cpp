@@ -3,6 +3,8 @@
 #include <cmath>
 #include <complex>
 
+#include <opencv2/core.hpp>
+
 #include "compare/statistic.h"
 #include "core/spectrum.h"
 
@@ -41,10 +43,7 @@ class Spectrum : public Statistic {
 
   void add(const ObservedFrame& observed) override {
     if (observed.random_mm.empty()) return;
-    const float* w = observed.random_used.ptr<float>();
-    float used = 0;
-    for (std::size_t p = 0; p < observed.random_used.total(); ++p) used += w[p];
-    if (used < 0.5f * observed.random_used.total()) return;
+    if (cv::sum(observed.random_used)[0] < 0.5 * static_cast<double>(observed.random_used.total())) return;
     fft_.forward(observed.random_mm, line_);
     for (std::size_t p = 0; p < bin_.size(); ++p)
       if (bin_[p] >= 0) power_[bin_[p]] += std::norm(line_[p]);
