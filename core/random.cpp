@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include <Eigen/Core>
+
 #include "core/error.h"
 #include "core/parallel.h"
 
@@ -55,6 +57,7 @@ inline double unit53(std::uint32_t high, std::uint32_t low) {
 }
 
 constexpr double two_pi = 6.283185307179586476925;
+constexpr int wide = 16;  // blocks drawn side by side
 
 }  // namespace
 
@@ -99,23 +102,27 @@ void for_rows(const char* what, cv::Mat& image, Body body) {
 }  // namespace
 
 void RandomStream::fill_normal(cv::Mat& image) const {
+  using Draws = Eigen::Array<float, wide, 1>;
   const int cols = image.cols;
   const std::uint64_t blocks = static_cast<std::uint64_t>(cols + 1) / 2;
   const std::uint64_t key = mix_keys(key_, 1);
   for_rows("fill_normal", image, [&](float* out, std::uint64_t row) {
-    for (int col = 0; col < cols; col += 2) {
-      const Block b = philox(key, row * blocks + col / 2);
-      const float u = (static_cast<float>(b.word[0] >> 8) + 1.f) * 0x1.0p-24f;  // in (0, 1]; 2^-24 reaches 5.8 sigma
-      const float angle = static_cast<float>(two_pi) * (static_cast<float>(b.word[1] >> 8) * 0x1.0p-24f);
-      const float radius = std::sqrt(-2.f * std::log(u));
-      out[col] = radius * std::cos(angle);
-      if (col + 1 < cols) out[col + 1] = radius * std::sin(angle);
+    Draws u, angle;
+    for (int col = 0; col < cols; col += 2 * wide) {
+      const Blocks<wide> b = philox<wide>(key, row * blocks + static_cast<std::uint64_t>(col / 2));
+      for (int i = 0; i < wide; ++i) {
+        u[i] = (static_cast<float>(b.word[0][i] >> 8) + 1.f) * 0x1.0p-24f;  // in (0, 1]; 2^-24 reaches 5.8 sigma
+        angle[i] = static_cast<float>(two_pi) * (static_cast<float>(b.word[1][i] >> 8) * 0x1.0p-24f);
+      }
+      const Draws radius = (-2.f * u.log()).sqrt(), x = radius * angle.cos(), y = radius * angle.sin();
+      float drawn[2 * wide];
+      for (int i = 0; i < wide; ++i) drawn[2 * i] = x[i], drawn[2 * i + 1] = y[i];
+      std::copy_n(drawn, std::min(2 * wide, cols - col), out + col);
     }
   });
 }
 
 void RandomStream::fill_uniform(cv::Mat& image) const {
-  constexpr int wide = 16;  // blocks drawn side by side
   const int cols = image.cols;
   const std::uint64_t blocks = static_cast<std::uint64_t>(cols + 3) / 4;
   const std::uint64_t key = mix_keys(key_, 2);
@@ -130,7 +137,8 @@ void RandomStream::fill_uniform(cv::Mat& image) const {
   });
 }
 
-RandomStream frame_stream(std::uint64_t seed, std::uint64_t capture_key, std::int64_t frame, std::string_view instance) {
+RandomStream frame_stream(std::uint64_t seed, std::uint64_t capture_key, std::int64_t frame,
+                          std::string_view instance) {
   std::uint64_t key = mix_keys(seed, capture_key);
   key = mix_keys(key, static_cast<std::uint64_t>(frame));
   return RandomStream(mix_keys(key, hash_text(instance)));

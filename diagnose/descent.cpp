@@ -15,7 +15,6 @@ namespace binrig {
 
 namespace {
 
-constexpr double far_off = 3;           // dispersion, see FitOptions::converged_far_off
 constexpr double pause_below = 4;  // data's information on a parameter, in units of its prior's, see Fit::paused
 
 /// Minimum of x'Mx/2 - b'x over |x| <= limit, element by element, by projected coordinate descent: a parameter that
@@ -255,8 +254,8 @@ void Descent::run() {
     if (options_.iterations == 0 && !given) return;
     box(lower, upper);
     const auto acts_widely = acting_widely();
-    const double enough = std::max(options_.converged * now_.dispersion,
-                                   now_.dispersion > far_off ? options_.converged_far_off * now_.chi : 0);
+    const double worth_a_try = options_.converged * now_.dispersion,
+                 enough = std::max(worth_a_try, now_.dispersion > far_off ? options_.converged_far_off * now_.chi : 0);
     double gained = 0, promised = 0;
     const Eigen::VectorXd from = now_.value;
     // Chi is rough along what acts in a few captures: that must not keep all others from going.
@@ -271,7 +270,7 @@ void Descent::run() {
       };
       const Eigen::VectorXd delta = minimum_in_box(damped, b, in_box(lower), in_box(upper));
       promised = delta.dot(2 * b - a * delta);
-      if (promised < 0.5 * enough) break;
+      if (promised < 0.5 * worth_a_try) break;
       FitState next = evaluate(from + delta);
       if (next.chi < now_.chi) {
         gained = now_.chi - next.chi;

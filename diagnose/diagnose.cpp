@@ -78,6 +78,7 @@ class Climb {
         motions_(scene_motions(experiment, model,
                                registration_prior(experiment.forward().set(), experiment.nominal(0).camera))) {
     rung_options_.simulations = options.simulations;
+    rung_options_.converged_far_off = 0.01;
     rung_options_.seed = options.seed * 100000;
   }
 

@@ -14,15 +14,16 @@
 namespace binrig {
 namespace {
 
-constexpr int short_frames = 3;
-constexpr double far_off = 2;  // dispersion
+constexpr int fewest_frames = 2, short_frames = 3;  // of a first pass, of the last one
+constexpr double far_off = 2;                       // dispersion
 
 /// A handful of short simulations for the weights of a fit.
 std::vector<StatVector> short_simulations(const Experiment& experiment, const SensorModel& model,
-                                          const std::vector<Offset>& offsets, bool series, std::uint64_t seed) {
+                                          const std::vector<Offset>& offsets, int frames, bool series,
+                                          std::uint64_t seed) {
   std::vector<Trial> trials;
   for (int k = 0; k < 8; ++k)
-    trials.push_back({model, offsets, seed + static_cast<std::uint64_t>(k), Part::all, short_frames, !series});
+    trials.push_back({model, offsets, seed + static_cast<std::uint64_t>(k), Part::all, frames, !series});
   return experiment.simulate(trials, "learning the model's own randomness");
 }
 
@@ -111,30 +112,33 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   });
 
   const bool series = needs_whole_series(start, catalogue);
-  const StatVector& few = measured.at(short_frames, !series);
   for (const FitParameter& p : options.narrow)
     if (start.find(p.id)) parameters.push_back(p);
   // Again and again: the spread that the fit is weighted with is the model's own and changes with it.
   for (int pass = 0; pass < options.passes; ++pass) {
-    rung.standard =
-        Standard(layout, few, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
+    const bool last = pass + 1 == options.passes;
+    const int frames = last ? short_frames : fewest_frames;
+    const StatVector& few = measured.at(frames, !series);
+    const auto learn = [&] {
+      rung.standard = Standard(
+          layout, few, short_simulations(experiment, rung.model, rung.offsets, frames, series, options.seed + 9000));
+    };
+    learn();
     const auto rows = motion_rows(layout, rung.standard, motions);
     // How much the statistics scatter does not change over a small motion.
-    if (register_targets(layout, motions, rows, rung.standard.linear(few), rung.offsets) > 2)
-      rung.standard =
-          Standard(layout, few, short_simulations(experiment, rung.model, rung.offsets, series, options.seed + 9000));
+    if (register_targets(layout, motions, rows, rung.standard.linear(few), rung.offsets) > 2) learn();
     FitOptions fit;
     fit.seeds = 2;  // one would take the noise of its own simulation for a trace of the parameters
-    fit.most_frames = short_frames;
+    fit.most_frames = frames;
     fit.shorten_series = !series;
     fit.iterations = options.iterations;
-    fit.converged = pass + 1 < options.passes ? 100 : 2;  // the weights of the first pass are not the model's own yet
-    fit.converged_far_off = 0.01;
+    fit.converged = last ? 2 : 100;  // the weights of the first pass are not the model's own yet
+    fit.converged_far_off = options.converged_far_off;
     fit.seed = options.seed + 500;
     fit.place = values_of(motions, rung.offsets);
     fit.motions = &motions;
     fit.fixed = options.fixed;
-    if (pass + 1 == options.passes) {
+    if (last) {
       fit.scan_ids = ids;
       fit.probe_within = far_off;  // of a model that lacks much, masks only bend to make up for it
     } else if (options.scan_ranges) {
@@ -149,7 +153,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     rung.fit = fit_model(experiment, rung.standard, metric, rung.standard.linear(few), rung.model, parameters,
                          rung.offsets, fit);
     parameters = rung.fit.parameters;
-    if (pass + 1 == options.passes && rung.fit.dispersion <= far_off) {  // a last step with all frames
+    if (last && rung.fit.dispersion <= far_off) {  // a last step with all frames
       fit.nearby = &rung.fit;
       fit.most_frames = 0;
       fit.iterations = 0;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -48,7 +49,8 @@ class Search {
     const double astray = result_.accepted(options_).empty() ? options_.unexplained : options_.astray;
     // Where poses or intrinsics made up for what is missing, the rest says little of it.
     const bool misplaced = std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced;
-    if ((left_ > astray || misplaced) && rung_.model.effects.size() == book_.model().effects.size()) look_again();
+    if ((left_ > astray || misplaced) && !first_of_many() && rung_.model.effects.size() == book_.model().effects.size())
+      look_again();
     std::sort(result_.refined.begin(), result_.refined.end(),
               [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
     return std::move(result_);
@@ -145,6 +147,7 @@ class Search {
         fmt::print(stderr, "\n");
       }
       std::stable_sort(list.begin(), list.end(), [](const Listed& a, const Listed& b) { return a.gain > b.gain; });
+      second_listed_ = list[1].gain;
     }
     list.resize(std::min<std::size_t>(list.size(), options_.refine));
     for (const Listed& one : doubtful)
@@ -234,6 +237,14 @@ class Search {
     }
   }
 
+  /// So much is left by one that explains so much more than all others that several are missing: it comes first, and
+  /// the turn of the others comes with it in the model.
+  bool first_of_many() const {
+    double most = 0;
+    for (const Refined& refined : result_.refined) most = std::max(most, refined.train_gain * rung_.dispersion);
+    return left_ > options_.many_missing && most > options_.far_ahead * second_listed_;
+  }
+
   /// From the model as it was given, unless that names the best one, too.
   void look_again() {
     const auto best = std::max_element(result_.refined.begin(), result_.refined.end(),
@@ -263,7 +274,8 @@ class Search {
   UnitMapHypotheses unit_maps_;
   std::vector<double> own_gate_;
   Remainder base_;
-  double left_;  // dispersion, by the best so far
+  double left_;                                                     // dispersion, by the best so far
+  double second_listed_ = std::numeric_limits<double>::infinity();  // gain of chi, where that was simulated
 };
 
 }  // namespace

@@ -158,7 +158,8 @@ class FixedPattern : public Statistic {
     return mask;
   }
 
-  /// Mean residual less its mean over a square, both over what the mask knows. `share`: the mask's mean over the square.
+  /// Mean residual less its mean over a square, both over what the mask knows. `share`: the mask's mean over the
+  /// square.
   static cv::Mat high_passed(const Half& half, const cv::Mat& mask, const cv::Mat& share) {
     cv::Mat map(mask.size(), CV_32F), smooth;
     const int count = static_cast<int>(map.total());
