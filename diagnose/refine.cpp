@@ -128,6 +128,7 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   fit.shorten_series = !needs_whole_series(hypothesis.declaration->needs);
   fit.iterations = 5;
   fit.converged = 1;
+  fit.converged_far_off = 0.003;
   fit.seed = seed + 40;
   fit.scan_ids = {id};
   fit.probe_within = std::numeric_limits<double>::infinity();
