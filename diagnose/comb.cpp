@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "diagnose/hypotheses.h"
 #include "diagnose/last_step.h"
 #include "diagnose/trace.h"
 
@@ -22,14 +23,13 @@ struct Step {
   const ParameterSpec* spec;
 };
 
-/// Amplitudes that slopes say nothing of. Periods and places move smoothly near their best.
 std::vector<Step> steps_of(const SensorModel& model, const EffectCatalogue& catalogue,
                            const std::vector<std::string>& fixed) {
   std::vector<Step> steps;
   for (const EffectInstance& instance : model.effects) {
     const EffectDeclaration& declaration = instance.declaration(catalogue);
     const ParameterSpec* spec = declaration.parameter(declaration.amplitude);
-    if (spec && !spec->interpolate && spec->log_scaled && spec->kind != ParameterKind::integer &&
+    if (spec && is_step(declaration, *spec) &&
         std::find(fixed.begin(), fixed.end(), instance.id + "." + spec->name) == fixed.end())
       steps.push_back({instance.id, spec});
   }

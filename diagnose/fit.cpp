@@ -96,12 +96,6 @@ class Seeker {
     return true;
   }
 
-  /// A quantisation's, not a period or a place: where it is wrong, its comb misses the data's everywhere.
-  bool is_step(const std::string& id, const ParameterSpec& spec) const {
-    return !spec.interpolate && spec.log_scaled && spec.kind != ParameterKind::integer &&
-           spec.name == model().find(id)->declaration(catalogue_).amplitude;
-  }
-
   /// Chi. Where something else is missing, what a wrong step does to the noise that lacks it may outweigh the lines
   /// that only the right one draws: there every statistic counts by how much nearer it comes on its own scale, nobody
   /// knowing how far off it would be (a normal likelihood, each segment's variance profiled out; in units of chi).
@@ -128,7 +122,7 @@ class Seeker {
     if (tracing())
       fmt::print(stderr, "  {}.{} = {:.5g}: chi {:.0f} (best {:.0f})\n", id, spec.name, wanted, next.chi,
                  descent_.now().chi);
-    const bool step = is_step(id, spec);
+    const bool step = is_step(model().find(id)->declaration(catalogue_), spec);
     const double gain = misfit(descent_.now(), step) - misfit(next, step);
     if (gain > least_gain) descent_.move_to(std::move(next));
     return gain;

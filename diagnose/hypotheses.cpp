@@ -166,6 +166,10 @@ Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, d
 
 bool has_place(const EffectDeclaration& effect) { return !place_of(effect).empty(); }
 
+bool is_step(const EffectDeclaration& effect, const ParameterSpec& spec) {
+  return spec.name == effect.amplitude && !spec.interpolate && spec.log_scaled && spec.kind != ParameterKind::integer;
+}
+
 Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, double>& values) {
   constexpr int steps = 3;  // to either side of the grid's place, as far as the next one
   const EffectDeclaration& effect = *hypothesis.declaration;

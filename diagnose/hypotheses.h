@@ -51,6 +51,10 @@ struct Hypotheses {
 Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols);
 /// True if an effect has a place in the image: two parameters of either sign of which each value is another trace.
 bool has_place(const EffectDeclaration& effect);
+
+/// True of an amplitude that is a step (of a quantisation), not a period or a place: slopes say nothing of it, and where
+/// it is wrong its comb misses the data's everywhere.
+bool is_step(const EffectDeclaration& effect, const ParameterSpec& spec);
 /// The hypothesis with its place close together around that of `values`, as far as the next one of the grid, each at
 /// three strengths. No paths if it has none.
 Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, double>& values);
