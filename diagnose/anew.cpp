@@ -5,9 +5,21 @@
 #include <fmt/format.h>
 
 #include "core/parallel.h"
+#include "diagnose/mean_of_simulations.h"
+#include "diagnose/refine.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
+namespace {
+
+/// Where a hypothesis comes nearest before it is fitted.
+struct Start {
+  int hypothesis = 0;
+  std::map<std::string, double> values;
+  double chi = 0;
+};
+
+}  // namespace
 
 std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions,
                             const Measurement& measured, const SensorModel& given, const Hypotheses& hypotheses,
@@ -58,22 +70,44 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
     const auto [at, fresh] = best.try_emplace(signatures[s].hypothesis, s);
     if (!fresh && chi[s] < chi[at->second]) at->second = s;
   }
-  std::vector<std::size_t> order;
-  for (const auto& [h, s] : best) order.push_back(s);
-  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return chi[a] < chi[b]; });
+  std::vector<Start> starts;
+  for (const auto& [h, s] : best) {
+    starts.push_back({h, path_of(s).atoms[signatures[s].atom].values, chi[s]});
+    if (turned[s]) starts.back().values[hypotheses.tested[h].declaration->amplitude] *= -1;
+  }
+
+  // Signatures know few periods. About the fitted model others may look right than about the given one.
+  Rung as_given;
+  as_given.model = given;
+  as_given.standard = standard;
+  as_given.train = free;
+  Explained explained = free.explain(data);
+  as_given.rest = std::move(explained.rest);
+  as_given.nuisances = std::move(explained.values);
+  const Refiner refiner{experiment, motions, as_given, measured, 1, seed + 1};
+  for (Start& start : starts) {
+    const Hypothesis& hypothesis = hypotheses.tested[start.hypothesis];
+    if (!has_period(*hypothesis.declaration)) continue;
+    const LinearGain found = look_close_by(refiner, hypothesis, {start.hypothesis, 0, start.values}, signatures);
+    const Trial trial{
+        with_effect(given, catalogue, hypothesis.effect, found.values), {}, seed + 1, Part::train, frames};
+    Whitened rest = data;
+    const Whitened mean = mean_of(standard, simulate_typical_units(experiment, {trial}, "periods")).mean;
+    for (std::size_t i = 0; i < rest.size(); ++i) rest[i] -= mean[i];
+    if (const double its = free.explain(rest).chi; its < start.chi) start = {start.hypothesis, found.values, its};
+  }
+  std::sort(starts.begin(), starts.end(), [](const Start& a, const Start& b) { return a.chi < b.chi; });
 
   std::vector<Anew> result;
-  if (!order.empty() && signatures[order[0]].hypothesis == known) return result;
-  for (std::size_t s : order) {
-    const Hypothesis& hypothesis = hypotheses.tested[signatures[s].hypothesis];
-    if (tracing()) fmt::print(stderr, "  anew: {} chi {:.0f}\n", hypothesis.effect, chi[s]);
+  if (!starts.empty() && starts[0].hypothesis == known) return result;
+  for (const Start& start : starts) {
+    const Hypothesis& hypothesis = hypotheses.tested[start.hypothesis];
+    if (tracing()) fmt::print(stderr, "  anew: {} chi {:.0f}\n", hypothesis.effect, start.chi);
     if (static_cast<int>(result.size()) >= most) break;
     SensorModel model = given;
     Anew anew;
-    anew.hypothesis = signatures[s].hypothesis;
-    auto values = path_of(s).atoms[signatures[s].atom].values;
-    if (turned[s]) values[hypothesis.declaration->amplitude] *= -1;
-    anew.id = add_effect(model, catalogue, hypothesis.effect, values).id;
+    anew.hypothesis = start.hypothesis;
+    anew.id = add_effect(model, catalogue, hypothesis.effect, start.values).id;
     FitOptions options;
     options.most_frames = frames;
     options.iterations = 12;

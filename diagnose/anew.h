@@ -18,7 +18,8 @@ struct Anew {
 };
 
 /// The `most` hypotheses whose signatures, simulated about `given` with targets at their nominal places, come nearest
-/// to the measurement on train (poses, lens and the given model's parameters free in the linear view), each fitted.
+/// to the measurement on train (poses, lens and the given model's parameters free in the linear view; periods looked at
+/// closely), each fitted.
 /// Those that draw a map of the unit are none: their signatures are of another one. None if the nearest is `known`,
 /// which the fitted model names, too (-1: there is none). `simulations`: of `given`, short; `signatures`: about it.
 /// Throws what simulating throws.

@@ -119,6 +119,22 @@ Hypothesis make(const EffectDeclaration& effect) {
   return hypothesis;
 }
 
+/// Phase and period of an effect that has both; else null.
+struct Wave {
+  const ParameterSpec *phase = nullptr, *period = nullptr;
+};
+
+Wave wave_of(const EffectDeclaration& effect) {
+  Wave wave;
+  for (const auto& spec : effect.parameters) {
+    if (spec.kind == ParameterKind::phase)
+      wave.phase = &spec;
+    else if (!spec.interpolate && spec.log_scaled && spec.name != effect.amplitude)
+      wave.period = &spec;
+  }
+  return wave.phase && wave.period ? wave : Wave{};
+}
+
 int periods_across(int cols) { return cols / 4; }
 
 double frequency_step(const ParameterSpec& period, int cols) {
@@ -137,14 +153,9 @@ SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalog
 Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols) {
   const EffectDeclaration& effect = *hypothesis.declaration;
   Hypothesis result{hypothesis.effect, &effect, {}};
-  const ParameterSpec *phase = nullptr, *period = nullptr, *amplitude = effect.parameter(effect.amplitude);
-  for (const auto& spec : effect.parameters) {
-    if (spec.kind == ParameterKind::phase)
-      phase = &spec;
-    else if (!spec.interpolate && spec.log_scaled && &spec != amplitude)
-      period = &spec;
-  }
-  if (!phase || !period || !amplitude) return result;
+  const auto [phase, period] = wave_of(effect);
+  const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
+  if (!period || !amplitude) return result;
   std::vector<double> periods{values.at(period->name)};
   const double least = 1 / period->typical_high, step = frequency_step(*period, cols);
   for (int k = 0; k < periods_across(cols); ++k) periods.push_back(1 / (least + step * k));
@@ -163,6 +174,8 @@ Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, d
   }
   return result;
 }
+
+bool has_period(const EffectDeclaration& effect) { return wave_of(effect).period; }
 
 bool has_place(const EffectDeclaration& effect) { return !place_of(effect).empty(); }
 

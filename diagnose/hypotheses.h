@@ -49,11 +49,13 @@ struct Hypotheses {
 /// that neighbours differ by one period across an image of `cols`; all else as in `values`, at medium strength. No
 /// paths if it has no phase or no period.
 Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols);
+/// True if an effect has a phase and a period.
+bool has_period(const EffectDeclaration& effect);
 /// True if an effect has a place in the image: two parameters of either sign of which each value is another trace.
 bool has_place(const EffectDeclaration& effect);
 
-/// True of an amplitude that is a step (of a quantisation), not a period or a place: slopes say nothing of it, and where
-/// it is wrong its comb misses the data's everywhere.
+/// True of an amplitude that is a step (of a quantisation), not a period or a place: slopes say nothing of it, and
+/// where it is wrong its comb misses the data's everywhere.
 bool is_step(const EffectDeclaration& effect, const ParameterSpec& spec);
 /// The hypothesis with its place close together around that of `values`, as far as the next one of the grid, each at
 /// three strengths. No paths if it has none.

@@ -245,11 +245,12 @@ class Search {
     return left_ > options_.many_missing && most > options_.far_ahead * second_listed_;
   }
 
-  /// From the model as it was given, unless that names the best one, too.
+  /// From the model as it was given, unless that names the best one of those accepted, too.
   void look_again() {
-    const auto best = std::max_element(result_.refined.begin(), result_.refined.end(),
-                                       [](const Refined& a, const Refined& b) { return a.score() < b.score(); });
-    const int known = best == result_.refined.end() ? -1 : best->hypothesis;
+    const auto accepted = result_.accepted(options_);
+    const auto best = std::max_element(accepted.begin(), accepted.end(),
+                                       [](const Refined* a, const Refined* b) { return a->score() < b->score(); });
+    const int known = best == accepted.end() ? -1 : (*best)->hypothesis;
     for (Anew& anew : look_anew(experiment_, motions_, measured_, book_.model(), hypotheses_, signatures_,
                                 book_.simulations(), known, options_.anew, options_.seed + 60)) {
       // What the rung has learned of all else is worth more than what a fit from far away did, or it went astray.
