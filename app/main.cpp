@@ -3,6 +3,8 @@
 #include <cstdio>
 #include <exception>
 
+#include <malloc.h>
+
 #include <CLI/CLI.hpp>
 
 #include "app/commands.h"
@@ -19,9 +21,18 @@ void check_verb(const CLI::App& app, const std::string& word) {
   throw binrig::Error("there is no verb '" + word + "'" + (near.empty() ? ": binrig --help lists them" : ": did you mean " + near + "?"));
 }
 
+/// Images come and go by the thousand. Left alone, the allocator gives each back to the kernel and has it zeroed again:
+/// a fourteenth of a diagnosis at 640 x 480.
+void keep_freed_images() {
+  constexpr int bytes = 24 << 20;  // some twenty images of that size, by thread
+  mallopt(M_MMAP_THRESHOLD, bytes);
+  mallopt(M_TRIM_THRESHOLD, bytes);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
+  keep_freed_images();
   CLI::App app{"binrig: a hardware-in-the-loop validation rig for depth cameras and bin picking"};
   app.require_subcommand(1);
   app.set_version_flag("--version", BINRIG_VERSION);

@@ -5,7 +5,6 @@
 #include <fmt/format.h>
 
 #include "core/parallel.h"
-#include "diagnose/mean_of_simulations.h"
 #include "diagnose/refine.h"
 #include "diagnose/trace.h"
 
@@ -84,17 +83,14 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
   Explained explained = free.explain(data);
   as_given.rest = std::move(explained.rest);
   as_given.nuisances = std::move(explained.values);
-  const Refiner refiner{experiment, motions, as_given, measured, 1, seed + 1};
+  const Refiner refiner{experiment, motions, as_given, measured, 2, seed + 1, Part::train, frames};
   for (Start& start : starts) {
     const Hypothesis& hypothesis = hypotheses.tested[start.hypothesis];
     if (!has_period(*hypothesis.declaration)) continue;
     const LinearGain found = look_close_by(refiner, hypothesis, {start.hypothesis, 0, start.values}, signatures);
-    const Trial trial{
-        with_effect(given, catalogue, hypothesis.effect, found.values), {}, seed + 1, Part::train, frames};
-    Whitened rest = data;
-    const Whitened mean = mean_of(standard, simulate_typical_units(experiment, {trial}, "periods")).mean;
-    for (std::size_t i = 0; i < rest.size(); ++i) rest[i] -= mean[i];
-    if (const double its = free.explain(rest).chi; its < start.chi) start = {start.hypothesis, found.values, its};
+    const SensorModel with = with_effect(given, catalogue, hypothesis.effect, found.values);
+    const double its = remainder_of(refiner, with, {}, {}).train;
+    if (its < start.chi) start = {start.hypothesis, found.values, its};
   }
   std::sort(starts.begin(), starts.end(), [](const Start& a, const Start& b) { return a.chi < b.chi; });
 

@@ -12,9 +12,9 @@
 namespace binrig {
 namespace {
 
-constexpr double far_off = 1.1;     // dispersion
-constexpr double far_better = 100;  // of chi: what a wrong valley costs, and roughness not
-constexpr int values = 24;          // tried to either side
+constexpr double in_a_wrong_valley = 1.1;  // dispersion
+constexpr double far_better = 100;         // of chi: what a wrong valley costs, and roughness not
+constexpr int values = 24;                 // tried to either side
 /// Relative. A hundred steps within the range shift by a fourteenth of one, then by less.
 constexpr double spacings[] = {0.0007, 0.0002};
 
@@ -50,7 +50,7 @@ void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& mo
   look.seed = options.seed + 500;
   look.place.assign(motions.size(), 0);
   look.motions = &motions;
-  if (steps.empty() || rung.dispersion < far_off) return;
+  if (steps.empty() || rung.dispersion < in_a_wrong_valley) return;
   for (const double spacing : spacings) {
     const Metric metric(experiment.layout(), Part::train, motion_rows(experiment.layout(), rung.standard, motions));
     // From where targets nominally stand: about where a wrong step put them, the right one looks wrong.

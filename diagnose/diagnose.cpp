@@ -228,7 +228,9 @@ class Climb {
         fmt::print(stderr, "  {} added: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", best.effect, before,
                    after, proper_before, proper);
       const double excess = std::max(0.0, before - 1);
-      const bool falls = after <= before - (unproven ? unproven_fall : least_fall) * excess;
+      // Below the floor chance moves the held-out score up and down; what the proper one gets worse by counts there.
+      const bool gets_worse = excess == 0 && proper >= proper_before + least_proper_gain;
+      const bool falls = !gets_worse && after <= before - (unproven ? unproven_fall : least_fall) * excess;
       const bool falls_properly =
           proper <= proper_before - least_proper_gain && after < before + std::max(hardly_rises, least_fall * excess);
       return falls || (!unproven && (by_its_map || falls_properly));

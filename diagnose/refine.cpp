@@ -6,21 +6,36 @@
 
 #include <fmt/format.h>
 
+#include "diagnose/descent.h"
 #include "diagnose/mean_of_simulations.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
+namespace {
+
+/// With which fits of a hypothesis look at a capture; far from the data fewer say enough.
+int frames_for(const Rung& rung) { return rung.dispersion > far_off ? 2 : 3; }
+
+}  // namespace
+
+Refiner for_trying(Refiner refiner) {
+  refiner.part = Part::train;
+  if (refiner.rung.dispersion > far_off) refiner.most_frames = frames_for(refiner.rung);
+  return refiner;
+}
 
 Remainder remainder_of(const Refiner& refiner, const SensorModel& model, const std::vector<Offset>& offsets,
                        const std::vector<double>& place) {
-  const auto& [experiment, motions, rung, measured, seeds, seed] = refiner;
+  const auto& [experiment, motions, rung, measured, seeds, seed, part, most_frames] = refiner;
   std::vector<Trial> trials;
-  for (int k = 0; k < seeds; ++k) trials.push_back({model, offsets, seed + static_cast<std::uint64_t>(k), Part::all});
+  for (int k = 0; k < seeds; ++k)
+    trials.push_back({model, offsets, seed + static_cast<std::uint64_t>(k), part, most_frames});
   MeanOfSimulations simulated =
       mean_of(rung.standard, simulate_typical_units(experiment, trials, "refining hypotheses"));
-  Whitened difference = rung.data;
+  Whitened difference = most_frames == 0 ? rung.data : rung.standard.linear(measured.at(most_frames, false));
   for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= simulated.mean[i];
   Explained train = rung.train.explain(difference, place, {}, simulated.noise);
+  if (part == Part::train) return {std::move(simulated.mean), train.chi, 0, std::move(train.values)};
   const Explained test = rung.test.explain(difference, place, train.global, simulated.noise);
   // A target is in train or in test, and 0 in the other; what all captures share was found on train.
   for (std::size_t r = 0; r < train.values.size(); ++r)
@@ -95,7 +110,7 @@ LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, c
 }
 
 RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start) {
-  const auto& [experiment, motions, rung, measured, seeds, seed] = refiner;
+  const auto& [experiment, motions, rung, measured, seeds, seed, part, most_frames] = refiner;
   const EffectCatalogue& catalogue = experiment.forward().catalogue();
   SensorModel model = rung.model;
   const std::string id = add_effect(model, catalogue, hypothesis.effect, start.values).id;
@@ -103,12 +118,13 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   if (amplitude && amplitude->interpolate) {
     auto values = start.values;
     double& value = values[amplitude->name];
-    double best = registered_remainder(refiner, model).train;
+    const Refiner trying = for_trying(refiner);
+    double best = registered_remainder(trying, model).train;
     const auto better = [&](double other) {
       const double before = value;
       value = std::clamp(other, amplitude->lower, amplitude->upper);
       const SensorModel changed = with_effect(rung.model, catalogue, hypothesis.effect, values);
-      const double its = registered_remainder(refiner, changed).train;
+      const double its = registered_remainder(trying, changed).train;
       if (tracing())
         fmt::print(stderr, "  {} {} {:.4g}: chi {:.0f} (best {:.0f})\n", hypothesis.effect, amplitude->name, value, its,
                    best);
@@ -124,7 +140,7 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   }
   FitOptions fit;
   fit.seeds = 2;
-  fit.most_frames = 3;
+  fit.most_frames = frames_for(rung);
   fit.shorten_series = !needs_whole_series(hypothesis.declaration->needs);
   fit.iterations = 5;
   fit.converged = 1;

@@ -16,9 +16,14 @@ struct Refiner {
   const Measurement& measured;
   int seeds = 2;
   std::uint64_t seed = 501;
+  Part part = Part::all;  ///< what is simulated
+  int most_frames = 0;    ///< of Trial
 };
+/// The same for trying one value after another: train alone, and where the rung is far off, a few frames, as the fits
+/// that follow see.
+Refiner for_trying(Refiner refiner);
 
-/// What a model leaves of the data, by part.
+/// What a model leaves of the data, by part; 0 of what is not simulated.
 struct Remainder {
   Whitened mean;
   double train = 0, test = 0;  ///< chi

@@ -9,13 +9,14 @@
 
 #include "core/parallel.h"
 #include "core/random.h"
+#include "diagnose/descent.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
 
-constexpr int fewest_frames = 2, short_frames = 3;  // of a first pass, of the last one
-constexpr double far_off = 2;                       // dispersion
+constexpr int fewest_frames = 2, short_frames = 3;  // of a first pass or far from the data, of a last one near them
+constexpr double lacks_much = 2;                    // dispersion
 
 /// A handful of short simulations for the weights of a fit.
 std::vector<StatVector> short_simulations(const Experiment& experiment, const SensorModel& model,
@@ -117,7 +118,8 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   // Again and again: the spread that the fit is weighted with is the model's own and changes with it.
   for (int pass = 0; pass < options.passes; ++pass) {
     const bool last = pass + 1 == options.passes;
-    const int frames = last ? short_frames : fewest_frames;
+    const bool astray = options.converged_far_off > 0 && rung.fit.dispersion > far_off;
+    const int frames = last && !astray ? short_frames : fewest_frames;
     const StatVector& few = measured.at(frames, !series);
     const auto learn = [&] {
       rung.standard = Standard(
@@ -140,7 +142,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     fit.fixed = options.fixed;
     if (last) {
       fit.scan_ids = ids;
-      fit.probe_within = far_off;  // of a model that lacks much, masks only bend to make up for it
+      fit.probe_within = lacks_much;  // of a model that lacks much, masks only bend to make up for it
     } else if (options.scan_ranges) {
       fit.scan_ids = ids;
       fit.scan_all_ranges = true;
@@ -153,7 +155,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     rung.fit = fit_model(experiment, rung.standard, metric, rung.standard.linear(few), rung.model, parameters,
                          rung.offsets, fit);
     parameters = rung.fit.parameters;
-    if (last && rung.fit.dispersion <= far_off) {  // a last step with all frames
+    if (last && rung.fit.dispersion <= lacks_much) {  // a last step with all frames
       fit.nearby = &rung.fit;
       fit.most_frames = 0;
       fit.iterations = 0;
@@ -208,7 +210,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     whiten_nulls(layout, measured.all, shifts, rung);
     // Where the model is far off, more simulations say nothing more.
     const Metric metric(layout, Part::train, rows);
-    if (dispersion_of(rung, metric) > far_off) break;
+    if (dispersion_of(rung, metric) > lacks_much) break;
   }
 
   FitOptions derivatives;

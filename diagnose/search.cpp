@@ -133,11 +133,12 @@ class Search {
         if (has_place(*hypotheses_.tested[one.hypothesis].declaration)) look_close_by(one.hypothesis);
     if (rung_.dispersion > options_.linear_until && static_cast<int>(list.size()) > options_.refine) {
       // Signatures stand where the targets nominally do.
-      const double nominal = remainder_of(refiner_, rung_.model, {}, {}).train;
+      const Refiner trying = for_trying(refiner_);
+      const double nominal = remainder_of(trying, rung_.model, {}, {}).train;
       for (auto& [gain, h] : list) {
         const double linear = gain;
         const auto simulated = [&] {
-          return nominal - remainder_of(refiner_, added(h), {}, {}).train + unit_maps_.gain(h).train;
+          return nominal - remainder_of(trying, added(h), {}, {}).train + unit_maps_.gain(h).train;
         };
         gain = simulated();
         weaken(h, gain, linear, simulated);

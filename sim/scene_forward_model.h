@@ -23,7 +23,7 @@ struct SceneOptions {
   /// Boxes and the like fitted to what has no mesh either, by capture key, fixed through the capture.
   std::map<std::string, std::vector<SceneObject>> objects;
   bool with_ir = false;        ///< fill Frame::ir (16-bit counts)
-  std::size_t cache_mb = 600;  ///< bound of the cache of rendered channels
+  std::size_t cache_mb = 420;  ///< bound of the cache of rendered channels
 };
 
 class SceneForwardModel : public ForwardModel {

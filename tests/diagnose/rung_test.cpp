@@ -4,53 +4,14 @@
 #include <cmath>
 #include <map>
 #include <numbers>
-#include <string>
 
 #include <gtest/gtest.h>
 
-#include "bench/support/small_campaign.h"
 #include "diagnose/comb.h"
-#include "diagnose/registration.h"
-#include "sim/effect.h"
+#include "tests/diagnose/simulated_case.h"
 
 namespace binrig {
 namespace {
-
-const bench::SmallCampaign& campaign() {
-  static const bench::SmallCampaign campaign(true);
-  return campaign;
-}
-
-SensorModel model_with(const std::string& effect, const std::map<std::string, double>& values) {
-  SensorModel model = parse_sensor_model(
-      "name: m\nsensor: effects\ncamera: recording\nprojector: recording\nreference_distance: recording\n"
-      "depth_scale: recording\neffects:\n  - spectral_noise: {sigma: 0.3}\n",
-      "m", effect_catalogue());
-  add_effect(model, effect_catalogue(), effect, values);
-  return model;
-}
-
-/// What the catalogue makes of a truth, and a model that is to be fitted to it.
-struct Case {
-  Case(const SensorModel& truth, const SensorModel& start)
-      : recording(
-            bench::simulated_recording(campaign().forward(), truth, bench::drawn_offsets(campaign().forward(), 5), 5)),
-        start(start),
-        experiment(campaign().forward(), start, cache),
-        motions(scene_motions(experiment, start,
-                              registration_prior(campaign().forward().set(), experiment.nominal(0).camera))) {
-    std::vector<std::string> unreadable;
-    measured = experiment.measure([&](int c, int i) { return recording[c][i]; }, unreadable);
-  }
-  Rung fitted(const RungOptions& options) const { return fit_rung(experiment, motions, measured, start, {}, options); }
-
-  const bench::Recording recording;
-  const SensorModel start;
-  SimulationCache cache{""};
-  const Experiment experiment;
-  const std::vector<SceneMotion> motions;
-  Measurement measured;
-};
 
 TEST(FitRung, FollowsAValleyAlongWhichTwoParametersMakeUpForEachOther) {
   // Another wavelength with the phase that goes with it is the same wave at one distance, and nearly so at others:

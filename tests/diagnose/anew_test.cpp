@@ -1,0 +1,41 @@
+// The second look from the model as it was given, on a recording whose truth is known.
+#include "diagnose/anew.h"
+
+#include <algorithm>
+
+#include <gtest/gtest.h>
+
+#include "tests/diagnose/simulated_case.h"
+
+namespace binrig {
+namespace {
+
+TEST(LookAnew, FindsAPeriodThatNoSignatureHas) {
+  // Signatures know wavelengths of 50, 300 and 3000 mm or so; the wave at 130 mm is none of them.
+  const SensorModel given = model_with("depth_offset", {{"offset", 0}});
+  SensorModel truth = given;
+  add_effect(truth, effect_catalogue(), "tof_wiggling", {{"amplitude", 0.55}, {"wavelength", 130}, {"phase", 1}});
+  const Case c(truth, given);
+  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), given);
+  std::erase_if(hypotheses.tested, [](const Hypothesis& h) {
+    return h.effect != "tof_wiggling" && h.effect != "depth_scale" && h.effect != "disparity_offset";
+  });
+  ASSERT_EQ(hypotheses.tested.size(), 3);
+  SignatureBook book(c.experiment, given, hypotheses, {});
+  book.look_at({0, 1, 2}, false);
+  const auto looks = [&](int known) {
+    return look_anew(c.experiment, c.motions, c.measured, given, hypotheses, book.signatures(), book.simulations(),
+                     known, 1, 11);
+  };
+  const auto found = looks(-1);
+  ASSERT_EQ(found.size(), 1);
+  ASSERT_EQ(hypotheses.tested[found[0].hypothesis].effect, "tof_wiggling");
+  const EffectInstance& wave = *found[0].fit.model.find(found[0].id);
+  // Half a wave more or less between 650 and 950 mm is another wavelength by 130 / (2 * 300 / 130) / 2 = 14 mm.
+  EXPECT_NEAR(wave.value("wavelength"), 130, 14);
+  EXPECT_NEAR(wave.value("amplitude"), 0.55, 0.15);
+  EXPECT_TRUE(looks(found[0].hypothesis).empty());  // who knows it already need not look
+}
+
+}  // namespace
+}  // namespace binrig
