@@ -13,14 +13,13 @@
 namespace binrig {
 namespace {
 
-/// With which fits of a hypothesis look at a capture; far from the data fewer say enough.
-int frames_for(const Rung& rung) { return rung.dispersion > far_off ? 2 : 3; }
+constexpr int few_frames = 3;
 
 }  // namespace
 
 Refiner for_trying(Refiner refiner) {
   refiner.part = Part::train;
-  if (refiner.rung.dispersion > far_off) refiner.most_frames = frames_for(refiner.rung);
+  if (refiner.rung.dispersion > far_off) refiner.most_frames = few_frames;
   return refiner;
 }
 
@@ -140,7 +139,7 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   }
   FitOptions fit;
   fit.seeds = 2;
-  fit.most_frames = frames_for(rung);
+  fit.most_frames = few_frames;
   fit.shorten_series = !needs_whole_series(hypothesis.declaration->needs);
   fit.iterations = 5;
   fit.converged = 1;

@@ -9,13 +9,12 @@
 
 #include "core/parallel.h"
 #include "core/random.h"
-#include "diagnose/descent.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
 
-constexpr int fewest_frames = 2, short_frames = 3;  // of a first pass or far from the data, of a last one near them
+constexpr int fewest_frames = 2, short_frames = 3;  // of a first pass, of the last one
 constexpr double lacks_much = 2;                    // dispersion
 
 /// A handful of short simulations for the weights of a fit.
@@ -118,8 +117,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   // Again and again: the spread that the fit is weighted with is the model's own and changes with it.
   for (int pass = 0; pass < options.passes; ++pass) {
     const bool last = pass + 1 == options.passes;
-    const bool astray = options.converged_far_off > 0 && rung.fit.dispersion > far_off;
-    const int frames = last && !astray ? short_frames : fewest_frames;
+    const int frames = last ? short_frames : fewest_frames;
     const StatVector& few = measured.at(frames, !series);
     const auto learn = [&] {
       rung.standard = Standard(

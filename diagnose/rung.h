@@ -29,7 +29,7 @@ struct RungOptions {
   int simulations = 48;
   int pose_draws = 12;  ///< different random registrations among the simulations
   int passes = 2, iterations = 8;
-  double converged_far_off = 0;      ///< of FitOptions; where it is given, a model that far off is fitted to few frames
+  double converged_far_off = 0;      ///< of FitOptions
   std::string added;                 ///< id of the effect that this model has and the one before had not
   bool scan_ranges = false;          ///< periods and steps are sought over their whole typical ranges
   std::vector<FitParameter> narrow;  ///< of effects added before; fitted like the others

@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
-#include "diagnose/descent.h"
 #include "diagnose/screen.h"
 
 namespace binrig {
 namespace {
 
 constexpr double worth_a_look = 30;  // gain of chi
-constexpr double hopeless = 0.15;    // share of what the best gains
 
 }  // namespace
 
@@ -24,10 +22,6 @@ bool UnitMapHypotheses::shaped() {
 }
 
 void UnitMapHypotheses::learn(std::vector<LinearGain>& linear) {
-  // Far from the data any map gains something. One that gains far less than others do is not fitted.
-  double least = worth_a_look;
-  if (rung_.dispersion > far_off)
-    for (const LinearGain& other : linear) least = std::max(least, hopeless * other.gain);
   std::vector<StatVector> without;
   for (int h = 0; h < static_cast<int>(hypotheses_.tested.size()); ++h) {
     const Hypothesis& hypothesis = hypotheses_.tested[h];
@@ -39,7 +33,7 @@ void UnitMapHypotheses::learn(std::vector<LinearGain>& linear) {
     UnitMap map(
         experiment_.layout(), rung_, without,
         simulate(with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis.effect, linear[h].values)));
-    if (map.gain(rung_.rest, rung_.rest).train > least) {
+    if (map.gain(rung_.rest, rung_.rest).train > worth_a_look) {
       UnitMapFit fit = fit_unit_map(experiment_, rung_, hypothesis, linear[h].values, without, seed_);
       linear[h].values = fit.values;
       deviations_[h] = std::move(fit.deviation);
