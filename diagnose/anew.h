@@ -19,9 +19,9 @@ struct Anew {
 
 /// The `most` hypotheses whose signatures, simulated about `given` with targets at their nominal places, come nearest
 /// to the measurement on train (poses, lens and the given model's parameters free in the linear view; periods looked at
-/// closely), each fitted.
-/// Those that draw a map of the unit are none: their signatures are of another one. None if the nearest is `known`,
-/// which the fitted model names, too (-1: there is none). `simulations`: of `given`, short; `signatures`: about it.
+/// closely, with the targets at nominal), each fitted. Those that draw a map of the unit are none: their signatures are
+/// of another one. None if the nearest is `known`, which the fitted model names, too (-1: nothing it names was
+/// accepted). `simulations`: of `given`, short; `signatures`: about it.
 /// Throws what simulating throws.
 std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions,
                             const Measurement& measured, const SensorModel& given, const Hypotheses& hypotheses,

@@ -17,7 +17,7 @@ struct Refiner {
   int seeds = 2;
   std::uint64_t seed = 501;
   Part part = Part::all;  ///< what is simulated
-  int most_frames = 0;    ///< of Trial
+  int most_frames = 0;    ///< of Trial; Measurement must have them
 };
 /// The same for trying one value after another: train alone, and where the rung is far off, a few frames, as the fits
 /// that follow see.

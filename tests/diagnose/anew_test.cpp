@@ -1,8 +1,6 @@
 // The second look from the model as it was given, on a recording whose truth is known.
 #include "diagnose/anew.h"
 
-#include <algorithm>
-
 #include <gtest/gtest.h>
 
 #include "tests/diagnose/simulated_case.h"
