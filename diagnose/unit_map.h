@@ -99,12 +99,13 @@ struct UnitMapFit {
   std::map<std::string, double> deviation;  ///< of the logarithms of those that were fitted, standard deviations
   UnitMap map;                              ///< learned at these values
 };
-/// Begins with `values`. The parameters' likelihood is that of the map's spectrum (Whittle: rings of cosines with
-/// exponentially distributed squares, noise's part known) under units simulated at them: the strength is solved for,
-/// the others (magnitudes) are sought over their typical ranges. `without` as for UnitMap. The
-/// result's values are those given where no segment shows a map. Throws what simulating throws.
+/// Begins with `values`, at which `start` was learned. The parameters' likelihood is that of the map's spectrum
+/// (Whittle: rings of cosines with exponentially distributed squares, noise's part known) under units simulated at
+/// them: the strength is solved for, the others (magnitudes) are sought over their typical ranges. `without` and
+/// `seed`: what `start` was learned with. The result's values are those given where no segment shows a map. Throws what
+/// simulating throws.
 UnitMapFit fit_unit_map(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
-                        const std::map<std::string, double>& values, const std::vector<StatVector>& without,
-                        std::uint64_t seed);
+                        const std::map<std::string, double>& values, UnitMap start,
+                        const std::vector<StatVector>& without, std::uint64_t seed);
 
 }  // namespace binrig

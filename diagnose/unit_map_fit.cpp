@@ -14,13 +14,14 @@ constexpr int places = 5;  // over a typical range
 class MapFitter {
  public:
   MapFitter(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
-            const std::map<std::string, double>& values, const std::vector<StatVector>& without, std::uint64_t seed)
+            const std::map<std::string, double>& values, UnitMap start, const std::vector<StatVector>& without,
+            std::uint64_t seed)
       : experiment_(experiment),
         rung_(rung),
         hypothesis_(hypothesis),
         without_(without),
         seed_(seed),
-        fit_{values, {}, learned_at(values)} {}
+        fit_{values, {}, std::move(start)} {}
 
   UnitMapFit run() {
     const auto segment = fit_.map.strongest(rung_.rest);
@@ -38,7 +39,7 @@ class MapFitter {
     slopes.push_back(solve_for_strength(*amplitude));
     names.push_back(amplitude->name);
     write_deviations(names, slopes);
-    fit_.map = learned_at(fit_.values);
+    fit_.map = UnitMap(experiment_.layout(), rung_, without_, last_units_);
     return std::move(fit_);
   }
 
@@ -48,17 +49,14 @@ class MapFitter {
     return experiment_.simulate(UnitMap::trials_of(rung_, model, seed_), "simulating units");
   }
 
-  UnitMap learned_at(const std::map<std::string, double>& values) const {
-    return UnitMap(experiment_.layout(), rung_, without_, units_at(values));
-  }
-
   struct Try {
     UnitMap::Spectrum units;
     UnitMap::Match match;
   };
-  Try try_at(const std::map<std::string, double>& values) const {
+  Try try_at(const std::map<std::string, double>& values) {
     Try result;
-    result.units = fit_.map.spectrum_of_units(segment_, UnitMap::changes(rung_, without_, units_at(values)));
+    last_units_ = units_at(values);
+    result.units = fit_.map.spectrum_of_units(segment_, UnitMap::changes(rung_, without_, last_units_));
     result.match = fit_.map.match(segment_, rung_.rest, result.units);
     return result;
   }
@@ -140,15 +138,16 @@ class MapFitter {
   UnitMapFit fit_;
   int segment_ = 0;
   std::vector<double> modes_;
-  double kurtosis_ = 3;  // of units at the values found
+  std::vector<StatVector> last_units_;  // simulated where it was tried last
+  double kurtosis_ = 3;                 // of units at the values found
 };
 
 }  // namespace
 
 UnitMapFit fit_unit_map(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
-                        const std::map<std::string, double>& values, const std::vector<StatVector>& without,
-                        std::uint64_t seed) {
-  return MapFitter(experiment, rung, hypothesis, values, without, seed).run();
+                        const std::map<std::string, double>& values, UnitMap start,
+                        const std::vector<StatVector>& without, std::uint64_t seed) {
+  return MapFitter(experiment, rung, hypothesis, values, std::move(start), without, seed).run();
 }
 
 }  // namespace binrig

@@ -34,7 +34,7 @@ void UnitMapHypotheses::learn(std::vector<LinearGain>& linear) {
         experiment_.layout(), rung_, without,
         simulate(with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis.effect, linear[h].values)));
     if (map.gain(rung_.rest, rung_.rest).train > worth_a_look) {
-      UnitMapFit fit = fit_unit_map(experiment_, rung_, hypothesis, linear[h].values, without, seed_);
+      UnitMapFit fit = fit_unit_map(experiment_, rung_, hypothesis, linear[h].values, std::move(map), without, seed_);
       linear[h].values = fit.values;
       deviations_[h] = std::move(fit.deviation);
       map = std::move(fit.map);

@@ -135,9 +135,14 @@ TEST(UnitMap, LengthAndStrengthOfAHiddenPatternAreReadOffIt) {
   const auto pattern = std::find_if(all.tested.begin(), all.tested.end(),
                                     [](const Hypothesis& h) { return h.effect == "fixed_pattern_noise"; });
   ASSERT_NE(pattern, all.tested.end());
-  const auto without = look.experiment.simulate(UnitMap::trials_of(look.rung, look.rung.model, 7), "");
-  const UnitMapFit fit =
-      fit_unit_map(look.experiment, look.rung, *pattern, pattern->paths[0].atoms[0].values, without, 7);
+  const auto& start = pattern->paths[0].atoms[0].values;
+  const auto units_of = [&](const SensorModel& model) {
+    return look.experiment.simulate(UnitMap::trials_of(look.rung, model, 7), "");
+  };
+  const auto without = units_of(look.rung.model);
+  const UnitMap map(look.experiment.layout(), look.rung, without,
+                    units_of(with_effect(look.rung.model, effect_catalogue(), pattern->effect, start)));
+  const UnitMapFit fit = fit_unit_map(look.experiment, look.rung, *pattern, start, map, without, 7);
   EXPECT_TRUE(fit.map.looks_random(look.rung.rest));
   for (const auto& [name, value] : look.truth.hidden.at(0).values) {
     ASSERT_TRUE(fit.deviation.count(name)) << name;
