@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include <fmt/format.h>
@@ -47,7 +48,7 @@ std::vector<Place> places_of(double distance_mm, const std::optional<std::array<
 
 std::vector<AdvisedCapture> captures_that_separate(const Experiment& experiment,
                                                    const std::vector<SceneMotion>& motions, const Rung& rung,
-                                                   const SensorModel& one, const SensorModel& other,
+                                                   const SensorModel& one, const std::vector<SensorModel>& others,
                                                    std::uint64_t seed) {
   const Layout& layout = experiment.layout();
   std::vector<AdvisedCapture> asked;
@@ -55,28 +56,37 @@ std::vector<AdvisedCapture> captures_that_separate(const Experiment& experiment,
     if (!layout.train[c] || experiment.captures()[c].power_on || experiment.context(c).motion) continue;
     const cv::Mat& depth = experiment.nominal(c).depth_mm;
     const double distance = cv::sum(depth)[0] / std::max(1, cv::countNonZero(depth));
+    const CaptureInfo& capture = experiment.captures()[c];
     for (const Place& place : places_of(distance, experiment.forward().set().sensor.range_mm))
-      asked.push_back({c, place.where, place.words});
+      asked.push_back({c, place.where, fmt::format("{} {} {}", capture.key(), capture.name, place.words)});
   }
   const std::vector<NuisanceRow> rows = motion_rows(layout, rung.standard, motions);
   parallel_for(static_cast<int>(asked.size()), [&](int i) {
     AdvisedCapture& advised = asked[i];
-    std::vector<StatVector> changes;
-    for (int k = 0; k < seeds; ++k) {
-      const std::uint64_t own = seed + static_cast<std::uint64_t>(k);
-      changes.push_back(experiment.elsewhere(one, advised.capture, advised.where, own, frames));
-      const StatVector rival = experiment.elsewhere(other, advised.capture, advised.where, own, frames);
-      for (int j = 0; j < layout.size; ++j) changes.back()[j] -= rival[j];
-    }
-    fill_unknown(layout, changes, true);
-    std::vector<Whitened> by_seed;
-    for (const StatVector& change : changes) by_seed.push_back(rung.standard.difference(change));
-    const Whitened mean = shrunk(layout, mean_over_seeds(layout, by_seed), least_signal);
     // What a pose does to a target's depth is nearly the same wherever it stands.
     std::vector<NuisanceRow> its_poses;
     for (const NuisanceRow& row : rows)
       if (row.capture == advised.capture) its_poses.push_back(row);
-    advised.distance2 = dot(Metric(layout, Part::train, its_poses).apply(mean), mean);
+    const Metric metric(layout, Part::train, its_poses);
+    const auto simulate = [&](const SensorModel& model) {
+      std::vector<StatVector> by_seed;
+      for (std::uint64_t k = 0; k < seeds; ++k)
+        by_seed.push_back(experiment.elsewhere(model, advised.capture, advised.where, seed + k, frames));
+      return by_seed;
+    };
+    const std::vector<StatVector> with_one = simulate(one);
+    advised.distance2 = std::numeric_limits<double>::infinity();
+    for (const SensorModel& other : others) {
+      std::vector<StatVector> changes = with_one;
+      const std::vector<StatVector> with_other = simulate(other);
+      for (int k = 0; k < seeds; ++k)
+        for (int j = 0; j < layout.size; ++j) changes[k][j] -= with_other[k][j];
+      fill_unknown(layout, changes, true);
+      std::vector<Whitened> by_seed;
+      for (const StatVector& change : changes) by_seed.push_back(rung.standard.difference(change));
+      const Whitened mean = shrunk(layout, mean_over_seeds(layout, by_seed), least_signal);
+      advised.distance2 = std::min(advised.distance2, dot(metric.apply(mean), mean));
+    }
   });
   std::erase_if(asked, [](const AdvisedCapture& a) { return a.distance2 < far_enough; });
   std::stable_sort(asked.begin(), asked.end(),

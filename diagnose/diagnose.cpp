@@ -11,7 +11,6 @@
 #include <opencv2/core/mat.hpp>
 
 #include "compare/probability.h"
-#include "diagnose/advice.h"
 #include "diagnose/edge_registration.h"
 #include "diagnose/last_step.h"
 #include "diagnose/mask_fit.h"
@@ -31,6 +30,7 @@ constexpr double least_fall = 0.02;         // share of what is left of the held
 constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
 constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
 constexpr double least_proper_gain = 0.01;  // an element
+constexpr double far_worse = 0.5, far_worse_share = 0.05;  // of a held-out score, and of what is left of it
 
 CandidateReport report_of(const Refined& refined, int null_count) {
   CandidateReport report;
@@ -247,16 +247,23 @@ class Climb {
     return false;
   }
 
-  /// Captures that would tell an effect from the first of those it is confounded with.
+  /// Captures that would tell an effect from all of those that it is confounded with; if there are none, from the
+  /// first.
   void seek_captures(CandidateReport& report, const Rung& rung, const SearchResult& found, const Refined& best) const {
     constexpr std::size_t most = 3;
-    const auto rival = std::find_if(found.refined.begin(), found.refined.end(),
-                                    [&](const Refined& r) { return r.effect == report.confounded_with.front(); });
     report.sought_captures = true;
-    for (const AdvisedCapture& advised :
-         captures_that_separate(experiment_, motions_, rung, best.model, rival->model, options_.seed * 3001)) {
-      if (report.would_separate.size() == most) break;
-      report.would_separate.push_back(capture_name(advised.capture) + " " + advised.where_to);
+    report.told_from = report.confounded_with;
+    for (;;) {
+      std::vector<SensorModel> rivals;
+      for (const std::string& name : report.told_from)
+        rivals.push_back(std::find_if(found.refined.begin(), found.refined.end(), [&](const Refined& r) {
+                           return r.effect == name;
+                         })->model);
+      report.would_separate =
+          captures_that_separate(experiment_, motions_, rung, best.model, rivals, options_.seed * 3001);
+      report.would_separate.resize(std::min(report.would_separate.size(), most));
+      if (!report.would_separate.empty() || rivals.size() == 1) return;
+      report.told_from.resize(1);
     }
   }
 
@@ -281,6 +288,14 @@ class Climb {
       if (value.ci95) options.fixed.push_back(hypothesis.id + "." + name);
   }
 
+  /// Does a model miss the captures held out by so much more than the last one that no fit would bring it back?
+  bool is_far_worse(const Rung& unfitted) const {
+    const auto judged = scores(experiment_.layout(), rungs_.back(), measured_.all, {rungs_.back(), unfitted});
+    const double with = judged[0].heldout, without = judged[1].heldout;
+    if (tracing()) fmt::print(stderr, "  unfitted: held-out {:.3f}, without {:.3f}\n", with, without);
+    return without > with + far_worse + far_worse_share * std::max(0.0, with - 1);
+  }
+
   /// What was needed on the way may be superfluous beside what was added later. The last one just proved itself.
   void step_back() {
     for (std::size_t k = 0; k + 1 < diagnosis_.candidates.size();) {
@@ -292,9 +307,16 @@ class Climb {
       again.passes = 1;
       again.iterations = 4;
       again.narrow = narrow_of(rungs_.back().fit.parameters);
-      std::vector<Rung> pair{rungs_.back(),
-                             fit_rung(experiment_, motions_, measured_, without, rungs_.back().offsets, again)};
+      const auto& offsets = rungs_.back().offsets;
+      // The last rung's metric lets all other parameters make up for it to first order.
+      if (is_far_worse(unfitted_rung(experiment_, motions_, measured_, without, offsets, again))) {
+        ++k;
+        continue;
+      }
+      std::vector<Rung> pair{rungs_.back(), fit_rung(experiment_, motions_, measured_, without, offsets, again)};
       const auto judged = scores(experiment_.layout(), pair[0], measured_.all, pair);
+      if (tracing())
+        fmt::print(stderr, "  without {}: held-out {:.3f} -> {:.3f}\n", id, judged[0].heldout, judged[1].heldout);
       if (judged[1].heldout > judged[0].heldout) {
         ++k;
         continue;

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "diagnose/advice.h"
 #include "diagnose/search.h"
 #include "diagnose/verdict.h"
 
@@ -50,8 +51,9 @@ struct CandidateReport {
   double heldout_after = 0;
   std::vector<std::pair<FitParameter, ParameterValue>> parameters;
   std::vector<std::string> confounded_with;
-  std::vector<std::string> would_separate;  ///< captures that, simulated, tell it from the first of those; best first
-  bool sought_captures = false;             ///< that would
+  std::vector<AdvisedCapture> would_separate;  ///< that, simulated, tell it from those of told_from; best first
+  std::vector<std::string> told_from;          ///< all of confounded_with, or the first
+  bool sought_captures = false;                ///< that would
 };
 
 /// An effect that explains much of the captures fitted to, but leaves no trace in those held out: no answer.

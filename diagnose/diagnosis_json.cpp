@@ -53,7 +53,10 @@ std::string diagnosis_json(const Diagnosis& diagnosis) {
       entry["parameters"][parameter.name] = p;
     }
     entry["confounded_with"] = candidate.confounded_with;
-    if (candidate.sought_captures) entry["captures_that_would_separate"] = candidate.would_separate;
+    if (candidate.sought_captures) {
+      auto& captures = entry["captures_that_would_separate"] = nlohmann::json::array();
+      for (const AdvisedCapture& advised : candidate.would_separate) captures.push_back(advised.where_to);
+    }
     out["candidates"].push_back(entry);
   }
   out["unconfirmed"] = json::array();

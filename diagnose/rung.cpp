@@ -88,6 +88,42 @@ void trace_rest(const Layout& layout, const Rung& rung) {
   }
 }
 
+/// Simulates the rung's model with everything that may differ from recording to recording, about where its targets
+/// stand: fills place, simulations, standard, data and nulls. Returns the rows of targets and intrinsics.
+std::vector<NuisanceRow> learn_randomness(const Experiment& experiment, const std::vector<SceneMotion>& motions,
+                                          const Measurement& measured, const RungOptions& options, Rung& rung) {
+  const Layout& layout = experiment.layout();
+  std::vector<std::vector<double>> draws(options.pose_draws, std::vector<double>(motions.size()));
+  std::vector<StatVector> draw_shift;
+  for (int d = 0; d < options.pose_draws; ++d) {
+    const RandomStream stream = RandomStream(options.seed).child("registration").child(static_cast<std::uint64_t>(d));
+    for (std::size_t m = 0; m < motions.size(); ++m) draws[d][m] = left_open(motions[m]) * stream.normal(m);
+    draw_shift.push_back(shift_of(layout, motions, draws[d]));
+  }
+  std::vector<StatVector> shifts;
+  std::vector<NuisanceRow> rows;
+  rung.place = values_of(motions, rung.offsets);
+  for (const int count : {options.simulations / 2, options.simulations}) {
+    std::vector<Trial> trials;
+    for (int k = static_cast<int>(shifts.size()); k < count; ++k) {
+      const int d = k % options.pose_draws;
+      trials.push_back({rung.model, offsets_of(layout, motions, draws[d], rung.offsets),
+                        options.seed + 1000 + static_cast<std::uint64_t>(k), Part::all});
+      shifts.push_back(draw_shift[d]);
+    }
+    auto more = experiment.simulate(trials, "learning the model's own randomness");
+    std::move(more.begin(), more.end(), std::back_inserter(rung.simulations));
+    rung.standard = Standard(layout, measured.all, rung.simulations, shifts);
+    rows = motion_rows(layout, rung.standard, motions);
+    rung.data = rung.standard.linear(measured.all);
+    whiten_nulls(layout, measured.all, shifts, rung);
+    // Where the model is far off, more simulations say nothing more.
+    const Metric metric(layout, Part::train, rows);
+    if (dispersion_of(rung, metric) > lacks_much) break;
+  }
+  return rows;
+}
+
 }  // namespace
 
 bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalogue) {
@@ -181,35 +217,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
                        .offsets;
   }
 
-  // The model's own randomness, with everything that may differ from recording to recording.
-  std::vector<std::vector<double>> draws(options.pose_draws, std::vector<double>(motions.size()));
-  std::vector<StatVector> draw_shift;
-  for (int d = 0; d < options.pose_draws; ++d) {
-    const RandomStream stream = RandomStream(options.seed).child("registration").child(static_cast<std::uint64_t>(d));
-    for (std::size_t m = 0; m < motions.size(); ++m) draws[d][m] = left_open(motions[m]) * stream.normal(m);
-    draw_shift.push_back(shift_of(layout, motions, draws[d]));
-  }
-  std::vector<StatVector> shifts;
-  std::vector<NuisanceRow> rows;
-  rung.place = values_of(motions, rung.offsets);
-  for (const int count : {options.simulations / 2, options.simulations}) {
-    std::vector<Trial> trials;
-    for (int k = static_cast<int>(shifts.size()); k < count; ++k) {
-      const int d = k % options.pose_draws;
-      trials.push_back({rung.model, offsets_of(layout, motions, draws[d], rung.offsets),
-                        options.seed + 1000 + static_cast<std::uint64_t>(k), Part::all});
-      shifts.push_back(draw_shift[d]);
-    }
-    auto more = experiment.simulate(trials, "learning the model's own randomness");
-    std::move(more.begin(), more.end(), std::back_inserter(rung.simulations));
-    rung.standard = Standard(layout, measured.all, rung.simulations, shifts);
-    rows = motion_rows(layout, rung.standard, motions);
-    rung.data = rung.standard.linear(measured.all);
-    whiten_nulls(layout, measured.all, shifts, rung);
-    // Where the model is far off, more simulations say nothing more.
-    const Metric metric(layout, Part::train, rows);
-    if (dispersion_of(rung, metric) > lacks_much) break;
-  }
+  auto rows = learn_randomness(experiment, motions, measured, options, rung);
 
   FitOptions derivatives;
   derivatives.seeds = 2;
@@ -270,6 +278,16 @@ Rung made_anew(const Experiment& experiment, const std::vector<SceneMotion>& mot
   again.passes = 0;
   again.narrow = narrow_of(parameters);
   return fit_rung(experiment, motions, measured, model, offsets, again);
+}
+
+Rung unfitted_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
+                   const SensorModel& model, const std::vector<Offset>& offsets, const RungOptions& options) {
+  Rung rung;
+  rung.model = model;
+  rung.offsets = offsets;
+  learn_randomness(experiment, motions, measured, options, rung);
+  rung.rest.assign(experiment.layout().size, 0.f);
+  return rung;
 }
 
 Remains remains_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place) {

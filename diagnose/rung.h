@@ -60,4 +60,10 @@ Rung made_anew(const Experiment& experiment, const std::vector<SceneMotion>& mot
                const SensorModel& model, const std::vector<Offset>& offsets, const RungOptions& options,
                const std::vector<FitParameter>& parameters);
 
+/// A model as it is, simulated with targets about `offsets`: as much of a rung as `scores` asks of those that are not
+/// the last. It has neither fit nor metrics, and nothing was taken from its data: `rest` is 0, so that its proper score
+/// means nothing. Throws what simulating throws.
+Rung unfitted_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
+                   const SensorModel& model, const std::vector<Offset>& offsets, const RungOptions& options);
+
 }  // namespace binrig

@@ -150,7 +150,11 @@ class Search {
       std::stable_sort(list.begin(), list.end(), [](const Listed& a, const Listed& b) { return a.gain > b.gain; });
       second_listed_ = list[1].gain;
     }
-    list.resize(std::min<std::size_t>(list.size(), options_.refine));
+    // What comes close to the best may be what it is confounded with, and is not to go unseen.
+    const auto comes_close = [&](const Listed& one) { return one.gain >= options_.rival * list[0].gain; };
+    auto end = list.begin() + std::min<std::ptrdiff_t>(list.size(), options_.refine);
+    while (end != list.end() && comes_close(*end)) ++end;
+    list.erase(end, list.end());
     for (const Listed& one : doubtful)
       if (static_cast<int>(list.size()) < options_.refine) list.push_back(one);
     return list;

@@ -75,15 +75,16 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
           captures.push_back(fmt::format("{} (shows {})", effect->revealed_by, name));
       std::string text =
           fmt::format("{} and {} look the same in these captures", candidate.effect, list(candidate.confounded_with));
-      if (!candidate.would_separate.empty())
-        text +=
-            fmt::format("; simulated with either, one more capture like one of these would tell {} from {}: {}",
-                        candidate.effect, candidate.confounded_with.front(), fmt::join(candidate.would_separate, ", "));
+      std::vector<std::string> advised;
+      for (const AdvisedCapture& capture : candidate.would_separate) advised.push_back(capture.where_to);
+      if (!advised.empty())
+        text += fmt::format("; simulated with either, one more capture like one of these would tell {} from {}: {}",
+                            candidate.effect, list(candidate.told_from), fmt::join(advised, ", "));
       else if (candidate.sought_captures)
         text += fmt::format(
             "; simulated with either, none of them nearer, further away or tilted would tell {} from {}; "
             "to tell them apart, if anything does, record {}",
-            candidate.effect, candidate.confounded_with.front(), list(captures));
+            candidate.effect, list(candidate.told_from), list(captures));
       else
         text += "; to tell them apart, record " + list(captures);
       diagnosis.advice.push_back(text);

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/support/campaign.h"
 #include "core/sensor_model.h"
 #include "sim/scene_forward_model.h"
 
@@ -20,6 +21,8 @@ class SmallCampaign {
  public:
   /// `quick`: the fewest captures that still show most effects, for tests.
   explicit SmallCampaign(bool quick = false);
+  /// Other captures of such targets, by the same camera.
+  explicit SmallCampaign(const Campaign& campaign);
   ~SmallCampaign();
   SmallCampaign(const SmallCampaign&) = delete;
   SmallCampaign& operator=(const SmallCampaign&) = delete;

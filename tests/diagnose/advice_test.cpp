@@ -40,7 +40,7 @@ TEST(Advice, AnotherDistanceTellsAnOffsetFromAScaleBeyondWhatThePoseMayBe) {
   const double offset_mm = 6;
   const auto found = captures_that_separate(stage.experiment, stage.motions, stage.rung,
                                             stage.with("depth_offset", {{"offset", offset_mm}}),
-                                            stage.with("depth_scale", {{"scale", offset_mm / 720}}), 1);
+                                            {stage.with("depth_scale", {{"scale", offset_mm / 720}})}, 1);
   const auto at_720 = std::find_if(found.begin(), found.end(), [&](const AdvisedCapture& a) {
     return stage.experiment.captures()[a.capture].name == "plane_720" && a.where.pose[5] > 0;
   });
@@ -55,7 +55,7 @@ TEST(Advice, AnotherDistanceTellsAnOffsetFromAScaleBeyondWhatThePoseMayBe) {
 TEST(Advice, NothingTellsAModelFromItself) {
   const Stage stage;
   const SensorModel model = stage.with("depth_offset", {{"offset", 2}});
-  EXPECT_TRUE(captures_that_separate(stage.experiment, stage.motions, stage.rung, model, model, 1).empty());
+  EXPECT_TRUE(captures_that_separate(stage.experiment, stage.motions, stage.rung, model, {model}, 1).empty());
 }
 
 }  // namespace
