@@ -340,13 +340,20 @@ Separation separation(const Rung& rung, const Refined& a, const Refined& b) {
 }
 
 bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
+  constexpr double clearly_lost = 0.25;  // of what the better one gains
   // Were a the truth, b would lose by D +- 2 sqrt(D), D their squared distance; were b the truth it would win by as
   // much. The data decide unless D is within two standard deviations of nothing, or the loss is.
   const double lost = a.score() - b.score();
   const Separation s = separation(rung, a, b);
+  if (tracing())
+    fmt::print(stderr, "  {} over {}: {:.1f}, squared distance {:.1f}, cosine {:.3f}\n", a.effect, b.effect, lost,
+               s.distance2, s.cosine);
+  // Fits end where depth edges happen to meet the pixels, and the one with more freedom finds the better place. Where
+  // signatures, which all stand at the same place, say the opposite, a narrow win proves nothing.
+  const bool views_disagree = b.linear_gain - b.price > a.linear_gain - a.price;
   // And nobody simulates an effect to better than a hundredth of what it does.
   return lost < 9 || (s.cosine > 0.9 && lost < 2 * std::sqrt(s.distance2)) ||
-         (s.cosine > 0.99 && lost < 0.01 * a.score());
+         (s.cosine > 0.99 && lost < 0.01 * a.score()) || (views_disagree && lost < clearly_lost * a.score());
 }
 
 }  // namespace binrig

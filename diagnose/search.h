@@ -83,7 +83,7 @@ struct Separation {
 };
 Separation separation(const Rung& rung, const Refined& a, const Refined& b);
 /// True if the data cannot tell b from the better a: what a gains over b lies within what chance makes of two models
-/// that far apart.
+/// that far apart, or is less than a quarter of what a gains where b gains more by its signatures.
 bool confounded(const Rung& rung, const Refined& a, const Refined& b);
 
 }  // namespace binrig

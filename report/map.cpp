@@ -24,6 +24,11 @@ void write_text(cv::Mat& image, const std::string& text, cv::Point at, double si
   cv::putText(image, text, at, cv::FONT_HERSHEY_SIMPLEX, size, {40, 44, 52}, 1, cv::LINE_AA);
 }
 
+int text_width(const std::string& text, double size) {
+  int below = 0;
+  return cv::getTextSize(text, cv::FONT_HERSHEY_SIMPLEX, size, 1, &below).width;
+}
+
 // Panels side by side with their titles above; `below` more rows are left white for a legend.
 cv::Mat lay_out(const std::vector<PanelImage>& images, const std::vector<std::string>& titles, int right, int below) {
   constexpr int gap = 16, top = 28;
@@ -202,7 +207,10 @@ cv::Mat compose(const CategoryFigure& figure) {
   }
   const int shown = static_cast<int>(
       std::count(present.begin(), present.begin() + std::min<std::size_t>(256, figure.categories.size()), true));
-  constexpr int column = 170, line = 20;
+  constexpr int line = 20, box = 19, gap = 18;
+  int column = 1;
+  for (std::size_t i = 0; i < figure.categories.size(); ++i)
+    if (present[i]) column = std::max(column, box + text_width(figure.categories[i].label, 0.4) + gap);
   cv::Mat sheet = lay_out(images, titles, 0, 0);
   const int columns = std::max(1, (sheet.cols - 16) / column), lines = (shown + columns - 1) / columns;
   cv::copyMakeBorder(sheet, sheet, 0, lines * line + 8, 0, 0, cv::BORDER_CONSTANT, {255, 255, 255});
@@ -212,7 +220,7 @@ cv::Mat compose(const CategoryFigure& figure) {
     const cv::Point at(16 + (k % columns) * column, sheet.rows - lines * line - 4 + (k / columns) * line);
     cv::rectangle(sheet, cv::Rect(at.x, at.y, 13, 13), scalar(figure.categories[i].colour), cv::FILLED);
     cv::rectangle(sheet, cv::Rect(at.x, at.y, 13, 13), {140, 144, 150});
-    write_text(sheet, figure.categories[i].label, {at.x + 19, at.y + 11}, 0.4);
+    write_text(sheet, figure.categories[i].label, {at.x + box, at.y + 11}, 0.4);
     ++k;
   }
   return sheet;

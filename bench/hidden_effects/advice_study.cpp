@@ -68,6 +68,7 @@ bool tells_apart(const Diagnosis& diagnosis, const std::string& one, const std::
 
 nlohmann::json answer_of(const Diagnosis& diagnosis) {
   nlohmann::json answer = {{"verdict", verdict_name(diagnosis.verdict)}, {"candidates", nlohmann::json::array()}};
+  for (const Unexplained& rest : diagnosis.unexplained) answer["unexplained"].push_back({rest.segment, rest.ratio});
   for (const CandidateReport& candidate : diagnosis.candidates)
     answer["candidates"].push_back({{"effect", candidate.effect}, {"confounded_with", candidate.confounded_with}});
   return answer;

@@ -1,0 +1,61 @@
+// When two refined hypotheses pass for one: by what they gain, by how alike they are, and by what signatures say.
+#include "diagnose/search.h"
+
+#include <gtest/gtest.h>
+
+namespace binrig {
+namespace {
+
+/// One capture to fit on, nothing marginalised: squared distances are those of the changes.
+struct Pair {
+  Rung rung;
+  Refined better, other;
+
+  /// What they gain, each moving an element of its own by `reach`.
+  Pair(double gain, double other_gain, float reach) {
+    Layout layout;
+    layout.blocks.push_back({0, 0, 0, 12 * 16, 12, 16, true});
+    layout.size = 12 * 16;
+    layout.train = {true};
+    layout.captures = 1;
+    rung.train = Metric(layout, Part::train, {});
+    rung.test = Metric(layout, Part::test, {});
+    better.effect = "one", other.effect = "other";
+    better.train_gain = gain, other.train_gain = other_gain;
+    better.change.assign(layout.size, 0.f), other.change.assign(layout.size, 0.f);
+    better.change[3] = other.change[40] = reach;
+  }
+  bool confounded() const { return binrig::confounded(rung, better, other); }
+};
+
+TEST(Confounded, WhatLosesClearlyIsNot) {
+  const Pair pair(400, 390, 15);  // ten behind: three standard deviations of an effect that is known are nine
+  ASSERT_NEAR(separation(pair.rung, pair.better, pair.other).distance2, 2 * 15 * 15, 1e-3);
+  EXPECT_FALSE(pair.confounded());
+  EXPECT_TRUE(Pair(400, 392, 15).confounded());
+}
+
+TEST(Confounded, WhatMovesTheSameIsWithinWhatChanceMakesOfTheirDistance) {
+  Pair pair(400, 390, 15);
+  pair.other.change = pair.better.change;
+  pair.other.change[40] = 6;  // squared distance 36, cosine 15 / sqrt(15^2 + 6^2): chance makes 12 of it
+  EXPECT_TRUE(pair.confounded());
+  pair.other.train_gain = 387;
+  EXPECT_FALSE(pair.confounded());
+}
+
+TEST(Confounded, ANarrowWinProvesNothingWhereSignaturesSayTheOpposite) {
+  Pair pair(400, 330, 15);
+  pair.better.linear_gain = 300, pair.other.linear_gain = 200;
+  EXPECT_FALSE(pair.confounded());
+  std::swap(pair.better.linear_gain, pair.other.linear_gain);
+  EXPECT_TRUE(pair.confounded());
+  pair.other.price = 150, pair.other.train_gain = 480;  // the same score, but chance makes half of what signatures gain
+  EXPECT_FALSE(pair.confounded());
+  pair.other.price = 0;
+  pair.other.train_gain = 290;  // lost more than a quarter
+  EXPECT_FALSE(pair.confounded());
+}
+
+}  // namespace
+}  // namespace binrig
