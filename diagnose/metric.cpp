@@ -62,6 +62,27 @@ void Metric::apply_local(Whitened& v) const {
   v = std::move(result);
 }
 
+Metric Metric::with_held(const std::vector<int>& rows) const {
+  Metric result = *this;
+  std::vector<int> free;
+  for (int k = 0; k < static_cast<int>(global_index_.size()); ++k)
+    if (std::find(rows.begin(), rows.end(), global_index_[k]) == rows.end()) free.push_back(k);
+  if (free.size() == global_index_.size()) return result;
+  const auto kept = [&](const auto& all) {
+    std::decay_t<decltype(all)> some;
+    for (const int k : free) some.push_back(all[k]);
+    return some;
+  };
+  result.global_index_ = kept(global_index_);
+  result.global_ = kept(global_);
+  result.global_applied_ = kept(global_applied_);
+  result.prior_ = prior_(free, free);
+  result.posterior_ = posterior_(free, free);
+  const auto g = static_cast<Eigen::Index>(free.size());
+  result.inverse_ = result.posterior_.ldlt().solve(Eigen::MatrixXd::Identity(g, g));
+  return result;
+}
+
 Whitened Metric::apply(const Whitened& v) const {
   Whitened result = v;
   apply_local(result);

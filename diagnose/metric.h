@@ -64,6 +64,8 @@ class Metric {
                     const Eigen::VectorXd& global_centre = {}, const std::vector<Whitened>& noise = {}) const;
   /// Posterior precision of the global rows: their prior for another part of the data.
   const Eigen::MatrixXd& global_posterior() const { return posterior_; }
+  /// The same with some nuisances that all captures share (rows of the list given) held at their prior's centre.
+  Metric with_held(const std::vector<int>& rows) const;
   Part part() const { return part_; }
 
  private:

@@ -290,11 +290,30 @@ Rung unfitted_rung(const Experiment& experiment, const std::vector<SceneMotion>&
   return rung;
 }
 
-Remains remains_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place) {
-  Explained train = rung.train.explain(difference, place);
-  const Explained test = rung.test.explain(difference, place, train.global);
+namespace {
+
+Remains remains_of(const Metric& on_train, const Metric& on_test, const Whitened& difference,
+                   const std::vector<double>& place) {
+  Explained train = on_train.explain(difference, place);
+  const Explained test = on_test.explain(difference, place, train.global);
   for (std::size_t i = 0; i < train.rest.size(); ++i) train.rest[i] += test.rest[i];  // one of them is 0
   return {std::move(train.rest), std::move(train.values), train.stated, test.stated};
+}
+
+}  // namespace
+
+Remains remains_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place) {
+  return remains_of(rung.train, rung.test, difference, place);
+}
+
+Remains remains_of(const Rung& rung, const SensorModel& model, const Whitened& difference,
+                   const std::vector<double>& place) {
+  const auto& parameters = rung.fit.parameters;
+  const std::size_t first = rung.place.size() - parameters.size();  // rows of targets and intrinsics come before
+  std::vector<int> held;
+  for (std::size_t p = 0; p < parameters.size(); ++p)
+    if (!model.find(parameters[p].id)) held.push_back(static_cast<int>(first + p));
+  return remains_of(rung.train.with_held(held), rung.test.with_held(held), difference, place);
 }
 
 }  // namespace binrig

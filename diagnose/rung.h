@@ -45,6 +45,9 @@ struct Remains {
   Stated train_stated, test_stated;
 };
 Remains remains_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place);
+/// The same with parameters of effects that `model` lacks held where they are: nothing stands in for what is not there.
+Remains remains_of(const Rung& rung, const SensorModel& model, const Whitened& difference,
+                   const std::vector<double>& place);
 
 /// True if any of the model's effects has a need that a few frames do not show.
 bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalogue);

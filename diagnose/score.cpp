@@ -110,7 +110,7 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
     for (std::size_t i = 0; i < data.size(); ++i) difference[i] = data[i] - model->mean()[i];
     std::vector<double> place = rung.place;  // of the targets, which come first; parameters stand at 0
     place.resize(last.place.size(), 0);
-    const Remains remains = remains_of(last, last.standard.difference(difference), place);
+    const Remains remains = remains_of(last, rung.model, last.standard.difference(difference), place);
     const auto squares = mean_squares(layout, last.standard, remains.rest, remains.test_stated, false);
     Score score;
     score.heldout = average(squares);

@@ -9,7 +9,8 @@ namespace binrig {
 /// another part): the smaller the better, and needless variance makes it larger.
 double proper_score(const Layout& layout, const Rung& rung, Part part = Part::test);
 
-/// Scores of several models on the held-out captures, all in units of `last`'s randomness, its nuisances marginalised.
+/// Scores of several models on the held-out captures, all in units of `last`'s randomness, its nuisances marginalised
+/// but for the parameters of effects that a model lacks: they must not make up for it.
 std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
                           const std::vector<Rung>& rungs);
 

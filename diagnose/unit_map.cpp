@@ -125,6 +125,7 @@ UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatV
                  const std::vector<StatVector>& with)
     : spread_(rung.standard.spread()), train_(rung.train), test_(rung.test) {
   const std::vector<Whitened> change = changes(rung, without, with);
+  units_ = static_cast<double>(change.size());
   std::vector<Whitened> nulls(std::min<std::size_t>(rung.nulls.size(), 24));
   parallel_for(static_cast<int>(nulls.size()), [&](int k) { nulls[k] = remains_of(rung, rung.nulls[k], {}).rest; });
   for (std::size_t s = 0; s < binrig::segments().size(); ++s) {
@@ -294,7 +295,9 @@ bool UnitMap::looks_random(const Whitened& rest) const {
     if (bands > most_bands) return false;
     if (sum_of_squares(map) < 2 * noise) continue;  // too little of a map to judge it
     const double misfit = found.misfit;
-    const double most = chi_square_threshold(by_chance, static_cast<double>(segment.spectrum.power.size()));
+    // What rings are expected to have is a mean over few units, and scatters, too.
+    const double most =
+        (1 + 1 / units_) * chi_square_threshold(by_chance, static_cast<double>(segment.spectrum.power.size()));
     const double kurtosis = kurtosis_of(map), usual = segment.spectrum.kurtosis;
     if (tracing())
       fmt::print(stderr,

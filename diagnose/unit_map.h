@@ -87,6 +87,7 @@ class UnitMap {
   /// Sums over captures of loading times residual and of loading squared, for one cell.
   void sums(const Segment& segment, int cell, const Whitened& rest, bool train, double& b, double& g) const;
 
+  double units_ = 0;  // it was learned from
   std::vector<float> spread_;
   Metric train_, test_;
   std::vector<Segment> segments_;

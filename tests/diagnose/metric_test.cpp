@@ -208,5 +208,29 @@ TEST(SimulationCache, KeepsWhatItWasGiven) {
   std::filesystem::remove_all(folder);
 }
 
+// Holding a nuisance where it is, is never to have heard of it; on the captures held out, too, whose prior is what
+// train says.
+TEST(Metric, OneThatIsHeldIsNoNuisance) {
+  const Layout layout = small_layout();
+  std::vector<NuisanceRow> rows{{normals(layout.size, 1), 0}, {normals(layout.size, 2), 1}};
+  for (std::uint64_t key = 3; key < 7; ++key) rows.push_back({normals(layout.size, key), -1});
+  auto fewer = rows;
+  fewer.erase(fewer.begin() + 5), fewer.erase(fewer.begin() + 3);
+  Whitened y = normals(layout.size, 20);
+  for (int i = 0; i < layout.size; ++i) y[i] += 0.7f * rows[3].change[i] - 0.4f * rows[4].change[i];
+  const Metric train(layout, Part::train, rows), without(layout, Part::train, fewer);
+  const Metric test(layout, Part::test, rows, train.global_posterior()),
+      test_without(layout, Part::test, fewer, without.global_posterior());
+  const Explained held = train.with_held({3, 5}).explain(y), expected = without.explain(y);
+  ASSERT_GT(expected.chi, 1.2 * train.explain(y).chi);  // it was some of what made up for y
+  EXPECT_NEAR(held.chi, expected.chi, 1e-4 * expected.chi);
+  EXPECT_EQ(held.values[3], 0);
+  EXPECT_NEAR(held.values[4], expected.values[3], 1e-5);
+  const Explained test_held = test.with_held({3, 5}).explain(y, {}, held.global);
+  EXPECT_NEAR(test_held.chi, test_without.explain(y, {}, expected.global).chi, 1e-3);
+  for (int i = 0; i < layout.size; ++i) ASSERT_NEAR(held.rest[i], expected.rest[i], 1e-4);
+  EXPECT_EQ(train.with_held({}).explain(y).chi, train.explain(y).chi);
+}
+
 }  // namespace
 }  // namespace binrig
