@@ -140,4 +140,33 @@ bool fit_masks(const Experiment& experiment, const std::vector<SceneMotion>& mot
   return true;
 }
 
+std::optional<std::string> mask_that_may_stand_elsewhere(const Experiment& experiment,
+                                                         const std::vector<SceneMotion>& motions,
+                                                         const Measurement& measured, const SensorModel& given,
+                                                         const RungOptions& options, const Rung& rung) {
+  for (const EffectInstance& effect : rung.model.effects) {
+    const EffectInstance* begun = given.find(effect.id);
+    if (!begun || !effect.declaration(experiment.forward().catalogue()).reason) continue;
+    const auto parameters = parameters_of(rung, effect.id);
+    Eigen::VectorXd here(parameters.size()), there(parameters.size());
+    for (int p = 0; p < here.size(); ++p) {
+      here[p] = parameters[p].scaled(effect.value(parameters[p].name));
+      there[p] = parameters[p].scaled(begun->value(parameters[p].name));
+    }
+    if (here == there) continue;
+    for (const double back : {0.5, 1.0}) {  // of the way to where the user put it
+      const Eigen::VectorXd x = here + back * (there - here);
+      const Rung next = made_anew(experiment, motions, measured, with_values(rung.model, parameters, x), rung.offsets,
+                                  options, rung.fit.parameters);
+      const auto fits = goodness_of_fit(experiment.layout(), next);
+      for (const SegmentFit& fit : fits)
+        if (tracing() && (fit.significant() || fit.segment == "drop-out"))
+          fmt::print(stderr, "  {} back by {}: {} on {} {:.2f}, excess {:.3f} +- {:.3f}\n", effect.id, back,
+                     fit.segment, fit.train ? "train" : "test", fit.ratio, fit.excess, fit.spread);
+      if (std::ranges::none_of(fits, &SegmentFit::significant)) return effect.id;
+    }
+  }
+  return std::nullopt;
+}
+
 }  // namespace binrig

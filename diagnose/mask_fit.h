@@ -2,6 +2,9 @@
 // right pair lie others, out of which neither a slope nor one parameter alone leads.
 #pragma once
 
+#include <optional>
+#include <string>
+
 #include "diagnose/rung.h"
 
 namespace binrig {
@@ -14,5 +17,14 @@ namespace binrig {
 /// the rung is another one. Throws what simulating throws.
 bool fit_masks(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
                const SensorModel& given, const RungOptions& options, Rung& rung);
+
+/// Rare drop-outs that only captures held out show: those fitted to say little of a mask that hardly ever clears
+/// anything there, and the fit takes it away from where it would. The id of an effect of the model that, somewhere
+/// between where the fit left it and where the user put it, explains all captures within the model's own randomness;
+/// none if no such does. Nothing is fitted to anything. Throws what simulating throws.
+std::optional<std::string> mask_that_may_stand_elsewhere(const Experiment& experiment,
+                                                         const std::vector<SceneMotion>& motions,
+                                                         const Measurement& measured, const SensorModel& given,
+                                                         const RungOptions& options, const Rung& rung);
 
 }  // namespace binrig

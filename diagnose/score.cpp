@@ -158,6 +158,7 @@ bool SegmentFit::significant() const {
 }
 
 std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung) {
+  constexpr double least_mean = 0.01;
   std::vector<SegmentFit> result;
   for (bool train : {true, false}) {
     const auto measured =
@@ -169,10 +170,11 @@ std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung) 
     }
     const double n = static_cast<double>(rung.nulls.size());
     for (std::size_t s = 0; s < measured.size(); ++s) {
-      if (measured[s] < 0 || sum[s] <= 0) continue;
+      if (measured[s] < 0) continue;
       const double mean = sum[s] / n, variance = std::max(0.0, square[s] / n - mean * mean);
-      result.push_back(
-          {part_name(s), part_group(s), train, measured[s] / mean, measured[s] - mean, std::sqrt(variance)});
+      // A model that never clears a pixel scatters by nothing, and a hole is beyond it all the same.
+      const double ratio = measured[s] / std::max(mean, least_mean);
+      result.push_back({part_name(s), part_group(s), train, ratio, measured[s] - mean, std::sqrt(variance)});
     }
   }
   return result;

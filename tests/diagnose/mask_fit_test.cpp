@@ -1,6 +1,7 @@
 // Masks in the wrong one of two valleys.
 #include "diagnose/mask_fit.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -69,6 +70,20 @@ TEST(FitMasks, LeavesARightModelAlone) {
   // What a few simulations like better may be taken, but never one that the score of all of them does not.
   Fitted as_it_was(truth, truth);
   EXPECT_LE(fitted.score(), as_it_was.score());
+}
+
+TEST(MaskThatMayStandElsewhere, IsOneThatExplainsAllCapturesWhereTheUserPutIt) {
+  const SensorModel truth = highlights(0.45, 0.05);
+  const Fitted fitted(truth, highlights(0.8, 0.02));
+  const auto fits = goodness_of_fit(fitted.experiment.layout(), fitted.rung);
+  ASSERT_TRUE(std::ranges::any_of(fits, &SegmentFit::significant));
+  const auto found = [&](const SensorModel& given) {
+    return mask_that_may_stand_elsewhere(fitted.experiment, fitted.motions, fitted.measured, given, fitted.options,
+                                         fitted.rung);
+  };
+  EXPECT_EQ(found(truth), "specular_saturation");
+  EXPECT_EQ(found(highlights(0.95, 0.02)), std::nullopt);  // even less is cleared there
+  EXPECT_EQ(found(highlights(0.8, 0.02)), std::nullopt);   // it stands there already
 }
 
 }  // namespace
