@@ -135,15 +135,9 @@ int run(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
   if (threads > 0) set_jobs(threads);
   plan.strengths = {strength == "weak" ? Strength::weak : strength == "medium" ? Strength::medium : Strength::strong};
-  std::vector<nlohmann::json> lines;
+  std::vector<nlohmann::json> lines = read_lines(out);
   std::set<std::string> done;
-  std::ifstream in(out);
-  for (std::string text; std::getline(in, text);) {
-    const auto line = nlohmann::json::parse(text, nullptr, false);
-    if (line.is_discarded()) continue;  // the last one may be cut off
-    lines.push_back(line);
-    done.insert(line["key"].get<std::string>());
-  }
+  for (const auto& line : lines) done.insert(line["key"].get<std::string>());
   std::ofstream append(out, std::ios::app);
   const char* folder = std::getenv("BINRIG_CACHE");
   SimulationCache cache(folder ? folder : "", 8192, true);

@@ -1,6 +1,7 @@
 #include "bench/hidden_effects/study.h"
 
 #include <algorithm>
+#include <fstream>
 #include <set>
 
 #include <fmt/format.h>
@@ -58,6 +59,16 @@ std::vector<Case> cases_of(const Plan& plan) {
                      Strength::medium,
                      k / outsiders.size() + static_cast<std::uint64_t>(plan.first_seed)});
   return cases;
+}
+
+std::vector<nlohmann::json> read_lines(const std::string& path) {
+  std::vector<nlohmann::json> lines;
+  std::ifstream in(path);
+  for (std::string text; std::getline(in, text);) {
+    const auto line = nlohmann::json::parse(text, nullptr, false);
+    if (!line.is_discarded()) lines.push_back(line);
+  }
+  return lines;
 }
 
 Truth make_truth(const SceneForwardModel& forward, const Case& c) {

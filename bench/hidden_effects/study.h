@@ -48,6 +48,9 @@ Diagnosis ask(const SceneForwardModel& forward, const Truth& truth, SimulationCa
 std::map<std::string, double> disagreement(const SceneForwardModel& forward, const Truth& truth, SimulationCache& cache,
                                            int simulations = 8);
 
+/// The lines of a study's file; none if there is no such file. The last one may be cut off, and is then left out.
+std::vector<nlohmann::json> read_lines(const std::string& path);
+
 /// One line of the study's file.
 nlohmann::json line_of(const Case& c, const Truth& truth, const Diagnosis& diagnosis, double cpu_s);
 
