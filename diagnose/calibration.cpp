@@ -73,7 +73,7 @@ class Calibrator {
     rung_options_.pose_draws = std::max(4, options.simulations / 3);
     rung_options_.passes = options.passes;
     rung_options_.iterations = options.iterations;
-    rung_options_.scan_ranges = true;
+    rung_options_.scan_all_ranges = true;
     rung_options_.seed = options.seed * 100000;
   }
 

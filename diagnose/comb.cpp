@@ -43,7 +43,7 @@ void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& mo
   const std::vector<Step> steps = steps_of(start, experiment.forward().catalogue(), options.fixed);
   RungOptions again = options;
   again.passes = 1;
-  again.scan_ranges = false;
+  again.scan_all_ranges = false;
   again.narrow = narrow_of(rung.fit.parameters);
   for (const Step& step : steps) again.fixed.push_back(step.id + "." + step.spec->name);
   FitOptions look;

@@ -79,6 +79,9 @@ class Seeker {
   const SensorModel& model() const { return descent_.now().model; }
   double value(const std::string& id, const ParameterSpec& spec) const { return model().find(id)->value(spec.name); }
 
+  /// Of the misfit, for which a value is taken.
+  double worthwhile() const { return least_gain * descent_.now().dispersion; }
+
   /// Moves a parameter if chi falls by more than chance.
   bool goes(int p, double by) {
     Eigen::VectorXd x = descent_.now().value;
@@ -124,7 +127,7 @@ class Seeker {
                  descent_.now().chi);
     const bool step = is_step(model().find(id)->declaration(catalogue_), spec);
     const double gain = misfit(descent_.now(), step) - misfit(next, step);
-    if (gain > least_gain) descent_.move_to(std::move(next));
+    if (gain > worthwhile()) descent_.move_to(std::move(next));
     return gain;
   }
 
@@ -151,14 +154,20 @@ class Seeker {
     constexpr int places = 21;  // over 5 octaves: every power of two
     constexpr double closest = 1.003;
     const double ratio = std::pow(spec.typical_high / spec.typical_low, 1.0 / (places - 1));
-    for (int k = 0; k < places; ++k) try_value(id, spec, spec.typical_low * std::pow(ratio, k));
+    // What makes the misfit twice as large twice in a row makes it larger and larger from there on.
+    int hopeless = 0;
+    for (int k = 0; k < places && hopeless < 2; ++k) {
+      const double wanted = spec.typical_low * std::pow(ratio, k);
+      const bool beyond = wanted > value(id, spec);
+      hopeless = try_value(id, spec, wanted) < -descent_.now().chi && beyond ? hopeless + 1 : 0;
+    }
     double r = std::sqrt(ratio);
     while (r > closest) {
       const double best = value(id, spec);
       const double up = try_value(id, spec, best * r);
-      if (up > least_gain) continue;
+      if (up > worthwhile()) continue;
       const double down = try_value(id, spec, best / r);
-      if (down > least_gain) continue;
+      if (down > worthwhile()) continue;
       if (std::min(up, down) > -two_sigma * descent_.now().dispersion) break;
       r = std::sqrt(r);
     }
@@ -173,7 +182,7 @@ class Seeker {
         const double step = spec.kind == ParameterKind::integer ? std::max(1.0, std::round(share * best))
                             : spec.either_sign                  ? share * spec.typical_high
                                                                 : share * best;
-        if (try_value(id, spec, best + direction * step) <= least_gain) break;
+        if (try_value(id, spec, best + direction * step) <= worthwhile()) break;
       }
   }
 
@@ -182,7 +191,7 @@ class Seeker {
   void walk_octaves(const std::string& id, const ParameterSpec& spec) {
     if (!spec.log_scaled) return;
     for (const double factor : {2.0, 0.5})
-      while (try_value(id, spec, factor * value(id, spec)) > least_gain) {
+      while (try_value(id, spec, factor * value(id, spec)) > worthwhile()) {
       }
   }
 

@@ -17,9 +17,10 @@ constexpr int few_frames = 3;
 
 }  // namespace
 
-Refiner for_trying(Refiner refiner) {
+int frames_for(const Rung& rung) { return rung.dispersion > far_off ? few_frames : 0; }
+
+Refiner on_train(Refiner refiner) {
   refiner.part = Part::train;
-  if (refiner.rung.dispersion > far_off) refiner.most_frames = few_frames;
   return refiner;
 }
 
@@ -117,7 +118,7 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   if (amplitude && amplitude->interpolate) {
     auto values = start.values;
     double& value = values[amplitude->name];
-    const Refiner trying = for_trying(refiner);
+    const Refiner trying = on_train(refiner);
     double best = registered_remainder(trying, model).train;
     const auto better = [&](double other) {
       const double before = value;
@@ -154,7 +155,8 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   fit.motions = &motions;
   const Whitened few = rung.standard.linear(measured.at(fit.most_frames, fit.shorten_series));
   Fit first = fit_model(experiment, rung.standard, rung.train, few, model, parameters, places.offsets, fit);
-  if (first.parameters.empty()) return {id, std::move(first)};
+  // Where the rung is far off, all frames say no more than a few.
+  if (first.parameters.empty() || rung.dispersion > far_off) return {id, std::move(first)};
   fit.nearby = &first;  // a last step with all frames
   fit.place = first.place;
   fit.most_frames = 0;

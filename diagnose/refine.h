@@ -19,9 +19,11 @@ struct Refiner {
   Part part = Part::all;  ///< what is simulated
   int most_frames = 0;    ///< of Trial; Measurement must have them
 };
-/// The same for trying one value after another: train alone, and where the rung is far off, a few frames, as the fits
-/// that follow see.
-Refiner for_trying(Refiner refiner);
+/// As many frames as hypotheses on top of a rung are simulated with: all (0), or where it is far off, as few as the
+/// fits that follow see.
+int frames_for(const Rung& rung);
+/// The same for trying one value after another: train alone.
+Refiner on_train(Refiner refiner);
 
 /// What a model leaves of the data, by part; 0 of what is not simulated.
 struct Remainder {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <set>
 
 #include <fmt/format.h>
 #include <Eigen/Cholesky>
@@ -15,7 +16,8 @@ namespace binrig {
 namespace {
 
 constexpr int fewest_frames = 2, short_frames = 3;  // of a first pass, of the last one
-constexpr double lacks_much = 2;                    // dispersion
+constexpr int fewest_simulations = 8;               // of what lacks most
+constexpr double lacks_much = 2, lacks_most = 8;    // dispersion
 
 /// A handful of short simulations for the weights of a fit.
 std::vector<StatVector> short_simulations(const Experiment& experiment, const SensorModel& model,
@@ -103,7 +105,9 @@ std::vector<NuisanceRow> learn_randomness(const Experiment& experiment, const st
   std::vector<StatVector> shifts;
   std::vector<NuisanceRow> rows;
   rung.place = values_of(motions, rung.offsets);
-  for (const int count : {options.simulations / 2, options.simulations}) {
+  std::set<int> counts{options.simulations / 2, options.simulations};
+  if (*counts.begin() > fewest_simulations) counts.insert(fewest_simulations);
+  for (const int count : counts) {
     std::vector<Trial> trials;
     for (int k = static_cast<int>(shifts.size()); k < count; ++k) {
       const int d = k % options.pose_draws;
@@ -119,7 +123,7 @@ std::vector<NuisanceRow> learn_randomness(const Experiment& experiment, const st
     whiten_nulls(layout, measured.all, shifts, rung);
     // Where the model is far off, more simulations say nothing more.
     const Metric metric(layout, Part::train, rows);
-    if (dispersion_of(rung, metric) > lacks_much) break;
+    if (dispersion_of(rung, metric) > (count == fewest_simulations ? lacks_most : lacks_much)) break;
   }
   return rows;
 }
@@ -177,13 +181,13 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     if (last) {
       fit.scan_ids = ids;
       fit.probe_within = lacks_much;  // of a model that lacks much, masks only bend to make up for it
-    } else if (options.scan_ranges) {
+    } else if (options.scan_all_ranges) {
       fit.scan_ids = ids;
       fit.scan_all_ranges = true;
-    } else if (!options.added.empty()) {
+    } else if (!options.scan_ranges_of.empty()) {
       // What it was refined with were the parameters of a model that lacked it.
-      fit.scan_ids = {options.added};
-      fit.scan_ranges_of = options.added;
+      fit.scan_ids = {options.scan_ranges_of};
+      fit.scan_ranges_of = options.scan_ranges_of;
     }
     const Metric metric(layout, Part::train, rows);
     rung.fit = fit_model(experiment, rung.standard, metric, rung.standard.linear(few), rung.model, parameters,

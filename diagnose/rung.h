@@ -30,8 +30,8 @@ struct RungOptions {
   int pose_draws = 12;  ///< different random registrations among the simulations
   int passes = 2, iterations = 8;
   double converged_far_off = 0;      ///< of FitOptions
-  std::string added;                 ///< id of the effect that this model has and the one before had not
-  bool scan_ranges = false;          ///< periods and steps are sought over their whole typical ranges
+  std::string scan_ranges_of;        ///< of FitOptions, in the first pass
+  bool scan_all_ranges = false;      ///< of FitOptions, in the first pass
   std::vector<FitParameter> narrow;  ///< of effects added before; fitted like the others
   std::vector<std::string> fixed;    ///< parameters, by id.name, that stay as they are
   std::uint64_t seed = 1;

@@ -16,6 +16,7 @@ namespace {
 
 constexpr int hats = 10;                    // of a covariate's curve
 constexpr int map_cols = 12, map_rows = 9;  // of a pattern fixed in the image
+constexpr double least_share = 0.02;        // of what is left, that a shape has to explain to be spoken of
 constexpr double pi = 3.14159265358979323846;
 
 /// One cell of a map with its covariates.
@@ -270,7 +271,7 @@ void screen(const Experiment& experiment, const Rung& rung, const StatVector& da
       for (const auto& [gain, k] : gains) fmt::print(stderr, ", {} {:.0f}", covariate_names[k], gain);
       fmt::print(stderr, "\n");
     }
-    if (best < 20) continue;  // nothing goes with it
+    if (best < std::max(20.0, least_share * excess)) continue;  // nothing goes with it
     entry.share = std::clamp(best / excess, 0.0, 1.0);
     for (const auto& [gain, k] : gains)
       if (gain > 0.3 * best && entry.covariates.size() < 3) entry.covariates.push_back(covariate_names[k]);

@@ -9,6 +9,7 @@
 
 #include "core/error.h"
 #include "diagnose/anew.h"
+#include "diagnose/descent.h"
 #include "diagnose/refine.h"
 #include "diagnose/trace.h"
 #include "diagnose/unit_map_hypotheses.h"
@@ -35,7 +36,7 @@ class Search {
         signatures_(signatures),
         book_(book),
         options_(options),
-        refiner_{experiment, motions, rung, measured, options.seeds, options.seed},
+        refiner_{experiment, motions, rung, measured, options.seeds, options.seed, Part::all, frames_for(rung)},
         count_(static_cast<int>(hypotheses.tested.size())),
         unit_maps_(experiment, rung, measured, hypotheses, options.seed + 80),
         left_(rung.dispersion) {}
@@ -128,12 +129,14 @@ class Search {
                static_cast<int>(doubtful.size()) < options_.doubted)
         doubtful.push_back({gain, h});
     }
+    const double worth_a_look = list.empty() || rung_.dispersion <= far_off ? 0 : options_.overtakes * list[0].gain;
     for (const auto* listed : {&list, &doubtful})
       for (const Listed& one : *listed)
-        if (has_place(*hypotheses_.tested[one.hypothesis].declaration)) look_close_by(one.hypothesis);
+        if (one.gain >= worth_a_look && has_place(*hypotheses_.tested[one.hypothesis].declaration))
+          look_close_by(one.hypothesis);
     if (rung_.dispersion > options_.linear_until && static_cast<int>(list.size()) > options_.refine) {
       // Signatures stand where the targets nominally do.
-      const Refiner trying = for_trying(refiner_);
+      const Refiner trying = on_train(refiner_);
       const double nominal = remainder_of(trying, rung_.model, {}, {}).train;
       for (auto& [gain, h] : list) {
         const double linear = gain;

@@ -33,6 +33,7 @@ struct SearchOptions {
   double linear_until = 1.3;  ///< where the rung's dispersion is larger than this
   int refine = 4;             ///< so many are fitted, and those that
   double rival = 0.75;        ///< gain at least this share of what the best of the list does,
+  double overtakes = 0.5;     ///< where much is missing, places are looked for closely with this share of the best's
   double hopeless = 0.3;  ///< unless they explain less than this share (half of it if they have periods or places) of
                           ///< what the best does
   /// Where the linear gain falls short of the gate but not of this share of it, so many are fitted, too: signatures

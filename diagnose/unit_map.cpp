@@ -17,6 +17,7 @@ namespace {
 
 constexpr int units = 4;
 constexpr double least_coherence = 0.4;  // of a segment's change that is common to all captures
+constexpr double most_bands = 8;         // squares of some fifty cosines, and rings a third wide
 constexpr double strengths[] = {0.25, 0.5, 1, 2, 4};
 
 double sum_of_squares(const std::vector<double>& map) {
@@ -99,6 +100,24 @@ double band_excess(const std::vector<double>& map, int cols, const std::vector<d
     if (count > 0) most = std::max(most, (sum - count) / std::sqrt(2 * count));
   }
   return most;
+}
+
+/// Mean squares by ring of the cosines that are constant neither along columns nor along rows; infinite where they are
+/// too few to say.
+std::vector<double> power_beside_bands(const std::vector<double>& map, int cols) {
+  constexpr double enough = 12;
+  const int rows = static_cast<int>(map.size()) / cols;
+  const RowMajor transformed = transform(map, cols);
+  std::vector<double> power(modes_of(rows, cols).size(), 0), count(power.size(), 0);
+  for (int row = 1; row < rows; ++row)
+    for (int col = 1; col < cols; ++col) {
+      const int ring = ring_of(row, col, rows, cols);
+      power[ring] += transformed(row, col) * transformed(row, col);
+      count[ring] += 1;
+    }
+  for (std::size_t r = 0; r < power.size(); ++r)
+    power[r] = count[r] < enough ? std::numeric_limits<double>::infinity() : power[r] / count[r];
+  return power;
 }
 
 }  // namespace
@@ -279,9 +298,23 @@ UnitMap::Gain UnitMap::gain(const Whitened& train, const Whitened& test, const s
   return total;
 }
 
+bool UnitMap::has_bands(const Whitened& rest) const {
+  constexpr double clearly_bands = 24;  // what a ring's few other cosines say scatters: one in 2,000 smooth maps
+  for (std::size_t s = 0; s < segments_.size(); ++s) {
+    const Segment& segment = segments_[s];
+    double unused = 0;
+    const auto map = map_of(segment, rest, unused);
+    std::vector<double> expected = power_beside_bands(map, segment.cols);
+    for (std::size_t r = 0; r < expected.size(); ++r) expected[r] = std::max(expected[r], segment.noise_power[r]);
+    const double bands = band_excess(map, segment.cols, expected);
+    if (tracing()) fmt::print(stderr, "  unit map in {}: bands beside others by {:.1f}\n", segment.name, bands);
+    if (bands > clearly_bands) return true;
+  }
+  return false;
+}
+
 bool UnitMap::looks_random(const Whitened& rest) const {
   constexpr double by_chance = 1e-4;
-  constexpr double most_bands = 8;  // squares of some fifty cosines, and rings a third wide
   for (std::size_t s = 0; s < segments_.size(); ++s) {
     const Segment& segment = segments_[s];
     double noise = 0;

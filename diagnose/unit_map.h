@@ -67,6 +67,8 @@ class UnitMap {
   /// pixels, rings or a spiral have a scale of their own, and bands stand out among the cosines that are constant along
   /// rows or columns, by more than 8 standard deviations of their squares' sum.
   bool looks_random(const Whitened& rest) const;
+  /// Do bands stand out in it among the other cosines of their rings, so that it is no random map whatever the texture?
+  bool has_bands(const Whitened& rest) const;
 
  private:
   struct Loading {

@@ -3,12 +3,16 @@
 #include <algorithm>
 #include <cmath>
 
+#include <fmt/format.h>
+
 #include "diagnose/screen.h"
+#include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
 
 constexpr double worth_a_look = 30;  // gain of chi
+constexpr double far_behind = 0.05;  // share of what the best hypothesis gains
 
 }  // namespace
 
@@ -23,6 +27,8 @@ bool UnitMapHypotheses::shaped() {
 
 void UnitMapHypotheses::learn(std::vector<LinearGain>& linear) {
   std::vector<StatVector> without;
+  double best = 0;
+  for (const LinearGain& found : linear) best = std::max(best, found.gain);
   for (int h = 0; h < static_cast<int>(hypotheses_.tested.size()); ++h) {
     const Hypothesis& hypothesis = hypotheses_.tested[h];
     if (!hypothesis.declaration->per_unit_map) continue;
@@ -33,7 +39,12 @@ void UnitMapHypotheses::learn(std::vector<LinearGain>& linear) {
     UnitMap map(
         experiment_.layout(), rung_, without,
         simulate(with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis.effect, linear[h].values)));
-    if (map.gain(rung_.rest, rung_.rest).train > worth_a_look) {
+    // A strength is solved for at every gain, so that another one gains no more. What is far behind has its turn when
+    // the best one is in the model.
+    const double gain = map.gain(rung_.rest, rung_.rest).train;
+    if (tracing())
+      fmt::print(stderr, "  {} has a map that gains {:.0f}, the best {:.0f}\n", hypothesis.effect, gain, best);
+    if (gain > std::max(worth_a_look, far_behind * best) && !map.has_bands(rung_.rest)) {
       UnitMapFit fit = fit_unit_map(experiment_, rung_, hypothesis, linear[h].values, std::move(map), without, seed_);
       linear[h].values = fit.values;
       deviations_[h] = std::move(fit.deviation);

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "diagnose/comb.h"
+#include "diagnose/score.h"
 #include "tests/diagnose/simulated_case.h"
 
 namespace binrig {
@@ -42,6 +43,22 @@ TEST(FitRung, FindsAWidthThatLiesBetweenTwoPixels) {
   ASSERT_LT(probability, half.size());
   EXPECT_LT(half[probability], 0.2);                                       // it is determined
   EXPECT_NEAR(found.value("probability"), 0.65, 2.5 * half[probability]);  // five standard deviations
+}
+
+TEST(UnfittedRung, SaysWhatTheFittedOneDoesAndThatWithoutAnEffectMuchIsLeft) {
+  const SensorModel right = model_with("radial_distortion", {{"amplitude", 0.5}});
+  const Case c(right, right);
+  const RungOptions options{.simulations = 16};
+  const Rung fitted = c.fitted(options);
+  SensorModel lacking = fitted.model;
+  lacking.effects.pop_back();
+  const auto unfitted = [&](const SensorModel& model) {
+    return unfitted_rung(c.experiment, c.motions, c.measured, model, fitted.offsets, options);
+  };
+  const auto judged =
+      scores(c.experiment.layout(), fitted, c.measured.all, {fitted, unfitted(fitted.model), unfitted(lacking)});
+  EXPECT_NEAR(judged[1].heldout, judged[0].heldout, 0.05);
+  EXPECT_GT(judged[2].heldout, judged[0].heldout + 1);
 }
 
 TEST(CombSteps, FindsTheToothThatAFitBesideItDoesNot) {

@@ -129,10 +129,15 @@ TEST(UnitMap, BandsAreNoRandomMapHoweverWeak) {
     columns[i] = std::sin(1.5f * static_cast<float>(i % cols));
     lines[i] = std::sin(1.5f * static_cast<float>(i / cols));
   }
-  for (const auto& bands : {columns, lines})
+  for (const auto& bands : {columns, lines}) {
     EXPECT_FALSE(map.looks_random(stand.rest(recording(bands, amplitude, 8000))));
-  for (std::uint64_t k = 0; k < 20; ++k)
+    EXPECT_TRUE(map.has_bands(stand.rest(recording(bands, 2 * amplitude, 8000))));
+  }
+  for (std::uint64_t k = 0; k < 20; ++k) {
     EXPECT_TRUE(map.looks_random(stand.rest(recording(normals(cells, 7000 + k), 0.7f * amplitude, 8100 + k)))) << k;
+    // Of another texture than the units it was learned from, and far stronger than any noise.
+    EXPECT_FALSE(map.has_bands(stand.rest(recording(smooth_map(7100 + k, 1.5), 4, 8200 + k)))) << k;
+  }
 }
 
 TEST(UnitMap, RingsAreNoSmoothRandomMap) {

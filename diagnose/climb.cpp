@@ -1,0 +1,335 @@
+#include "diagnose/climb.h"
+
+#include <algorithm>
+#include <numeric>
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "diagnose/edge_registration.h"
+#include "diagnose/mask_fit.h"
+#include "diagnose/score.h"
+#include "diagnose/settle.h"
+#include "diagnose/trace.h"
+
+namespace binrig {
+namespace {
+
+constexpr double leaves_something = 1.05;   // dispersion
+constexpr double leaves_little = 1.3;       // dispersion up to which places and masks are looked after
+constexpr double leaves_much = 8;           // dispersion beyond which the turn of others comes anyhow
+constexpr double close_behind = 0.9;        // share of the best one's gain
+constexpr double least_fall = 0.02;         // share of what is left of the held-out score
+constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
+constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
+constexpr double least_proper_gain = 0.01;  // an element
+constexpr double far_worse = 0.5, far_worse_share = 0.02;  // of a held-out score, and of what is left of it
+
+CandidateReport report_of(const Refined& refined, int null_count) {
+  CandidateReport report;
+  report.effect = refined.effect;
+  report.id = refined.id;
+  report.p = refined.p;
+  report.null_count = null_count;
+  report.evidence = refined.test_gain;
+  report.train_gain = refined.train_gain;
+  return report;
+}
+
+class Climb {
+ public:
+  Climb(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
+        const SensorModel& model, const Hypotheses& all, const DiagnosisOptions& options)
+      : experiment_(experiment),
+        motions_(motions),
+        measured_(measured),
+        given_(model),
+        all_(all),
+        most_effects_(options.most_effects),
+        seed_(options.seed),
+        catalogue_(experiment.forward().catalogue()) {
+    climbed_.options.simulations = options.simulations;
+    climbed_.options.converged_far_off = 0.01;
+    climbed_.options.seed = options.seed * 100000;
+  }
+
+  Climbed run() {
+    climbed_.rungs.push_back(fit_rung(experiment_, motions_, measured_, given_, {}, climbed_.options));
+    finish(climbed_.rungs[0]);
+    climbed_.added.push_back("");
+    // A fit that went astray says nothing of how strong the noise is.
+    const Rung& first = climbed_.rungs[0];
+    const SensorModel& near = first.dispersion > search_options_.astray ? given_ : first.model;
+    book_.emplace(experiment_, signature_model(given_, near, catalogue_), all_, SignatureOptions{.seed = seed_ * 7001});
+    std::vector<int> everyone(all_.tested.size());
+    std::iota(everyone.begin(), everyone.end(), 0);
+    book_->look_at(everyone, false);
+    while (static_cast<int>(climbed_.evidence.accepted.size()) < most_effects_ && step_up()) {
+    }
+    climbed_.removed.resize(climbed_.rungs.size());
+    step_back();
+    return std::move(climbed_);
+  }
+
+ private:
+  /// Where little is left, what is left may be the place of a target, a mask in the wrong valley or a fit that
+  /// stopped half-way.
+  void finish(Rung& rung) const {
+    if (rung.dispersion > leaves_little) return;
+    register_by_edges(experiment_, motions_, measured_, climbed_.options, rung);
+    fit_masks(experiment_, motions_, measured_, given_, climbed_.options, rung);
+    if (rung.dispersion <= leaves_something) settle_down(experiment_, motions_, measured_, climbed_.options, rung);
+  }
+
+  /// What the rung's model still lacks: hypotheses and their signatures.
+  std::pair<Hypotheses, std::vector<Signature>> left() const {
+    std::pair<Hypotheses, std::vector<Signature>> result;
+    std::vector<int> index(all_.tested.size(), -1);
+    for (std::size_t h = 0; h < all_.tested.size(); ++h) {
+      if (std::find(climbed_.added.begin(), climbed_.added.end(), all_.tested[h].effect) != climbed_.added.end())
+        continue;
+      index[h] = static_cast<int>(result.first.tested.size());
+      result.first.tested.push_back(all_.tested[h]);
+    }
+    for (const auto& signature : book_->signatures()) {
+      if (index[signature.hypothesis] < 0) continue;
+      result.second.push_back(signature);
+      result.second.back().hypothesis = index[signature.hypothesis];
+    }
+    return result;
+  }
+
+  /// Simulates more settings of the hypotheses that explain something already.
+  void look_closer(const Rung& rung) {
+    constexpr double something = 6;  // gain of chi: a fifth of what is needed to be accepted
+    looked_closely_.resize(all_.tested.size());
+    std::vector<int> worth_it;
+    const Ranking ranking(experiment_, rung, all_, book_->signatures());
+    for (const LinearGain& found : ranking.gains(rung.rest, rung.nuisances)) {
+      const int h = found.hypothesis;
+      if (looked_closely_[h] || found.gain < something * rung.dispersion) continue;
+      looked_closely_[h] = true;
+      worth_it.push_back(h);
+    }
+    book_->look_at(worth_it, true);
+  }
+
+  /// Adds the best hypothesis and fits everything again; false if there is none, or if it lowers no held-out score.
+  bool step_up() {
+    const Rung& rung = climbed_.rungs.back();
+    look_closer(rung);
+    const auto [hypotheses, signatures] = left();
+    const SearchResult found =
+        search(experiment_, motions_, rung, measured_, hypotheses, signatures, *book_, search_options_);
+    if (climbed_.ranking.empty())
+      for (std::size_t h = 0; h < hypotheses.tested.size(); ++h)
+        climbed_.ranking.push_back(
+            {hypotheses.tested[h].effect, found.linear[h].gain / rung.dispersion, found.prices[h], found.p_values[h]});
+    if (tracing()) {
+      fmt::print(stderr, "step {} gate {:.1f} dispersion {:.2f}\n", climbed_.rungs.size() - 1, found.gate,
+                 rung.dispersion);
+      for (const auto& r : found.refined)
+        fmt::print(stderr, "  {} linear {:.1f} price {:.1f} train {:.1f} test {:.1f}\n", r.effect, r.linear_gain,
+                   r.price, r.train_gain, r.test_gain);
+    }
+    climbed_.unconfirmed.clear();
+    for (const Refined* candidate : found.unconfirmed(search_options_))
+      climbed_.unconfirmed.push_back({candidate->effect, capture_name(experiment_, candidate->shown_in)});
+    auto worthy = found.accepted(search_options_);
+    // What could not prove itself beside bent parameters is fitted with all of them, and judged by what that leaves.
+    const bool unproven = worthy.empty();
+    if (unproven) worthy = found.unproven(search_options_);
+    if (worthy.empty()) return false;
+
+    auto [best, next] = choose(rung, worthy);
+
+    CandidateReport report = report_of(*best, static_cast<int>(rung.nulls.size()));
+    Evidence::Accepted accepted{best->effect, false, best->random_map, {}};
+    for (const auto& hypothesis : all_.tested)
+      if (hypothesis.effect == best->effect) accepted.map = hypothesis.declaration->per_unit_map;
+    for (const auto& rival : found.refined)
+      if (rival.effect != best->effect && rival.test_gain > search_options_.least_test_gain &&
+          std::find(accepted.rivals.begin(), accepted.rivals.end(), rival.effect) == accepted.rivals.end() &&
+          confounded(rung, *best, rival))
+        accepted.rivals.push_back(rival.effect);
+    report.confounded_with = accepted.rivals;
+    if (!accepted.rivals.empty()) seek_captures(report, rung, found, *best);
+
+    finish(next);
+    if (!climb(*best, std::move(next), accepted.map && accepted.map_looks_random, unproven)) return false;
+    hold(*best, climbed_.options);
+    climbed_.candidates.push_back(report);
+    climbed_.evidence.accepted.push_back(accepted);
+    climbed_.added.push_back(best->effect);
+    return true;
+  }
+
+  /// The one that is added, and the rung with it. The runner-up is tried, too, where the best leaves anything: a
+  /// model's bent parameters may have favoured the wrong one.
+  std::pair<const Refined*, Rung> choose(const Rung& rung, const std::vector<const Refined*>& worthy) const {
+    const Refined* best = worthy[0];
+    Rung next = with_added(rung, *best);
+    const auto runner_up =
+        std::find_if(worthy.begin(), worthy.end(), [&](const Refined* other) { return other->effect != best->effect; });
+    if (next.dispersion <= leaves_something || next.dispersion > leaves_much || runner_up == worthy.end() ||
+        (*runner_up)->score() <= close_behind * best->score())
+      return {best, std::move(next)};
+    Rung other = with_added(rung, **runner_up);
+    const double proper = proper_score(experiment_.layout(), next), its = proper_score(experiment_.layout(), other);
+    if (tracing())
+      fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", best->effect, next.dispersion,
+                 proper, (*runner_up)->effect, other.dispersion, its);
+    if (its < proper) return {*runner_up, std::move(other)};
+    return {best, std::move(next)};
+  }
+
+  /// Puts a rung on the ladder; false, and the ladder as it was, if that makes it no better. The gain was computed with
+  /// the scale of the rung before; the ladder judges by the last one's. An addition that lowers neither the held-out
+  /// score there nor the proper score is no improvement, whatever its gain said. Scores are of a typical unit: a map
+  /// that was learned on train and came back on the captures held out (`by_its_map`) is not in them.
+  bool climb(const Refined& best, Rung next, bool by_its_map, bool unproven) {
+    climbed_.rungs.push_back(std::move(next));
+    double before = 0, after = 0;
+    const auto improves = [&] {
+      const Rung &last = climbed_.rungs.back(), &previous = climbed_.rungs[climbed_.rungs.size() - 2];
+      const double proper = proper_score(experiment_.layout(), last),
+                   proper_before = proper_score(experiment_.layout(), previous);
+      const auto judged = scores(experiment_.layout(), last, measured_.all, climbed_.rungs);
+      before = judged[judged.size() - 2].heldout, after = judged.back().heldout;
+      if (tracing())
+        fmt::print(stderr, "  {} added: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", best.effect, before,
+                   after, proper_before, proper);
+      const double excess = std::max(0.0, before - 1);
+      // Below the floor chance moves the held-out score up and down; what the proper one gets worse by counts there.
+      const bool gets_worse = excess == 0 && proper >= proper_before + least_proper_gain;
+      const bool falls = !gets_worse && after <= before - (unproven ? unproven_fall : least_fall) * excess;
+      const bool falls_properly =
+          proper <= proper_before - least_proper_gain && after < before + std::max(hardly_rises, least_fall * excess);
+      return falls || (!unproven && (by_its_map || falls_properly));
+    };
+    if (improves()) return true;
+    // What is weak hardly bent the others: beginning anew may have cost more than it gains.
+    climbed_.rungs.back() = with_added(climbed_.rungs[climbed_.rungs.size() - 2], best, false);
+    if (improves()) return true;
+    climbed_.warnings.push_back(
+        fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "
+                    "({:.3g} to {:.3g})",
+                    best.effect, before, after));
+    climbed_.rungs.pop_back();
+    return false;
+  }
+
+  /// Captures that would tell an effect from all of those that it is confounded with; if there are none, from the
+  /// first.
+  void seek_captures(CandidateReport& report, const Rung& rung, const SearchResult& found, const Refined& best) const {
+    constexpr std::size_t most = 3;
+    report.sought_captures = true;
+    report.told_from = report.confounded_with;
+    for (;;) {
+      std::vector<SensorModel> rivals;
+      for (const std::string& name : report.told_from)
+        rivals.push_back(std::find_if(found.refined.begin(), found.refined.end(), [&](const Refined& r) {
+                           return r.effect == name;
+                         })->model);
+      report.would_separate = captures_that_separate(experiment_, motions_, rung, best.model, rivals, seed_ * 3001);
+      report.would_separate.resize(std::min(report.would_separate.size(), most));
+      if (!report.would_separate.empty() || rivals.size() == 1) return;
+      report.told_from.resize(1);
+    }
+  }
+
+  /// The rung's model with a hypothesis added, everything fitted again. What the model had before was bent to make up
+  /// for what was missing: it begins anew where the user put it, or stays where it is.
+  Rung with_added(const Rung& rung, const Refined& hypothesis, bool anew = true) const {
+    RungOptions options = climbed_.options;
+    // Where much is missing besides, whole ranges are not sought through again.
+    if (1 + (rung.dispersion - 1) * (1 - hypothesis.share) <= leaves_much) options.scan_ranges_of = hypothesis.id;
+    options.narrow = narrow_of(rung.fit.parameters);
+    hold(hypothesis, options);
+    SensorModel start = hypothesis.model;
+    if (anew)
+      for (auto& instance : start.effects)
+        if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
+    return fit_rung(experiment_, motions_, measured_, start, anew ? std::vector<Offset>{} : rung.offsets, options);
+  }
+
+  /// What a map said of an effect's parameters stays.
+  static void hold(const Refined& hypothesis, RungOptions& options) {
+    if (!hypothesis.given_by_map) return;
+    for (const auto& [name, value] : hypothesis.model.find(hypothesis.id)->values)
+      if (value.ci95) options.fixed.push_back(hypothesis.id + "." + name);
+  }
+
+  /// Does a model miss the captures held out by so much more than the last one that no fit would bring it back?
+  bool is_far_worse(const Rung& unfitted) const {
+    const auto judged =
+        scores(experiment_.layout(), climbed_.rungs.back(), measured_.all, {climbed_.rungs.back(), unfitted});
+    const double with = judged[0].heldout, without = judged[1].heldout;
+    if (tracing()) fmt::print(stderr, "  unfitted: held-out {:.3f}, without {:.3f}\n", with, without);
+    return without > with + far_worse + far_worse_share * std::max(0.0, with - 1);
+  }
+
+  /// What was needed on the way may be superfluous beside what was added later. The last one just proved itself.
+  void step_back() {
+    for (std::size_t k = 0; k + 1 < climbed_.candidates.size();) {
+      SensorModel without = climbed_.rungs.back().model;
+      const std::string id = climbed_.candidates[k].id;
+      std::erase_if(without.effects, [&](const EffectInstance& e) { return e.id == id; });
+      RungOptions again = climbed_.options;
+      again.simulations = 8;  // only their mean is looked at
+      again.passes = 1;
+      again.iterations = 4;
+      again.narrow = narrow_of(climbed_.rungs.back().fit.parameters);
+      const auto& offsets = climbed_.rungs.back().offsets;
+      // The last rung's metric lets all other parameters make up for it to first order.
+      if (is_far_worse(unfitted_rung(experiment_, motions_, measured_, without, offsets, again))) {
+        ++k;
+        continue;
+      }
+      std::vector<Rung> pair{climbed_.rungs.back(),
+                             fit_rung(experiment_, motions_, measured_, without, offsets, again)};
+      const auto judged = scores(experiment_.layout(), pair[0], measured_.all, pair);
+      if (tracing())
+        fmt::print(stderr, "  without {}: held-out {:.3f} -> {:.3f}\n", id, judged[0].heldout, judged[1].heldout);
+      if (judged[1].heldout > judged[0].heldout) {
+        ++k;
+        continue;
+      }
+      climbed_.warnings.push_back(fmt::format(
+          "{} was added and, with what came after it, taken out again: without it the error on captures held out is no "
+          "larger ({:.3g} with it, {:.3g} without)",
+          climbed_.candidates[k].effect, judged[0].heldout, judged[1].heldout));
+      climbed_.rungs.push_back(std::move(pair[1]));
+      climbed_.added.push_back("");
+      climbed_.removed.push_back(climbed_.candidates[k].effect);
+      climbed_.candidates.erase(climbed_.candidates.begin() + static_cast<long>(k));
+      climbed_.evidence.accepted.erase(climbed_.evidence.accepted.begin() + static_cast<long>(k));
+    }
+  }
+
+  const Experiment& experiment_;
+  const std::vector<SceneMotion>& motions_;
+  const Measurement& measured_;
+  const SensorModel& given_;
+  const Hypotheses& all_;
+  const int most_effects_;
+  const std::uint64_t seed_;
+  const EffectCatalogue& catalogue_;
+  const SearchOptions search_options_;
+  std::optional<SignatureBook> book_;
+  std::vector<bool> looked_closely_;  // by hypothesis
+  Climbed climbed_;
+};
+
+}  // namespace
+
+std::string capture_name(const Experiment& experiment, int capture) {
+  return experiment.captures()[capture].key() + " " + experiment.captures()[capture].name;
+}
+
+Climbed climb(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
+              const SensorModel& model, const Hypotheses& all, const DiagnosisOptions& options) {
+  return Climb(experiment, motions, measured, model, all, options).run();
+}
+
+}  // namespace binrig
