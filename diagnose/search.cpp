@@ -199,6 +199,7 @@ class Search {
     refined.hypothesis = h;
     refined.effect = hypotheses_.tested[h].effect;
     refined.linear_gain = result_.linear[h].gain;
+    refined.signature_gain = refined.linear_gain / rung_.dispersion;
     refined.price = result_.prices[h];
     // Of one that the linear view hardly saw, more is asked.
     const bool doubted = refined.linear_gain / rung_.dispersion - refined.price < own_gate_[h];
@@ -207,7 +208,8 @@ class Search {
     refined.random_map = unit_maps_.looks_random(h);
     refined.given_by_map = unit_maps_.gives_parameters(h);
     Refiner refiner = refiner_;
-    if (hypotheses_.tested[h].declaration->needs.repeats) refiner.seeds *= 4;  // it happens, or does not
+    refined.happens_or_not = hypotheses_.tested[h].declaration->needs.repeats;
+    if (refined.happens_or_not) refiner.seeds *= 4;
     const Remainder with = registered_remainder(refiner, refined.model);
     refined.train_gain = (base_.train - with.train + unit_maps_.gain(h).train) / rung_.dispersion;
     refined.test_gain = (base_.test - with.test + unit_maps_.gain(h).test) / rung_.dispersion;
@@ -314,11 +316,15 @@ std::vector<const Refined*> SearchResult::accepted(const SearchOptions& options)
 
 std::vector<const Refined*> SearchResult::unproven(const SearchOptions& options) const {
   std::vector<const Refined*> result;
-  for (const auto& candidate : refined)
-    if (candidate.test_gain <= options.least_test_gain && candidate.shown_on_test > 2 * options.least_test_gain &&
-        candidate.train_gain - candidate.price > options.beyond_doubt * candidate.gate &&
-        significant_on_train(candidate, options))
+  for (const auto& candidate : refined) {
+    const bool beyond_doubt = candidate.train_gain - candidate.price > options.beyond_doubt * candidate.gate &&
+                              significant_on_train(candidate, options);
+    const bool fell_otherwise = candidate.happens_or_not && !significant_on_train(candidate, options) &&
+                                candidate.signature_gain - candidate.price > options.beyond_doubt * candidate.gate;
+    if (candidate.shown_on_test > 2 * options.least_test_gain &&
+        ((candidate.test_gain <= options.least_test_gain && beyond_doubt) || fell_otherwise))
       result.push_back(&candidate);
+  }
   return result;
 }
 

@@ -19,7 +19,9 @@ struct Refined {
   double train_gain = 0, test_gain = 0;  ///< of chi, by simulation, dispersion divided out
   double share = 1;                      ///< of the excess over the model's own randomness on train that train_gain is
   PValue p;
-  bool random_map = true;  ///< false: it draws a map of the unit, but what is fixed in the image looks like none
+  double signature_gain = 0;    ///< linear_gain, dispersion divided out
+  bool happens_or_not = false;  ///< to whole frames, as chance has it
+  bool random_map = true;       ///< false: it draws a map of the unit, but what is fixed in the image looks like none
   /// Its parameters are those of a map that was recognised, with intervals: nothing else says more of them.
   bool given_by_map = false;
   Whitened change;           ///< what it moves, all captures
@@ -64,7 +66,9 @@ struct SearchResult {
   /// Those that are significant on train and confirmed on test, best first.
   std::vector<const Refined*> accepted(const SearchOptions& options) const;
   /// Those that are beyond doubt on train and show on test, but explain nothing there as long as the model's other
-  /// parameters stay where they were bent to without them; best first.
+  /// parameters stay where they were bent to without them. And those of which the signatures are beyond doubt, but that
+  /// happen or do not, and in the recording did when in their simulations they did not: on the scale of a model in
+  /// which they never happen, that counts against them. Best first.
   std::vector<const Refined*> unproven(const SearchOptions& options) const;
   /// Those that are significant on train, but that the captures held out could not confirm whoever is right.
   std::vector<const Refined*> unconfirmed(const SearchOptions& options) const;

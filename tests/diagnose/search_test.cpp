@@ -57,5 +57,48 @@ TEST(Confounded, ANarrowWinProvesNothingWhereSignaturesSayTheOpposite) {
   EXPECT_FALSE(pair.confounded());
 }
 
+SearchResult with_one(const Refined& candidate) {
+  SearchResult result;
+  result.refined.push_back(candidate);
+  return result;
+}
+
+TEST(SearchResult, WhatHappensOrNotIsTriedWhereItsSignaturesAreBeyondDoubt) {
+  const SearchOptions options;
+  Refined repeats;  // in other frames of its simulations than of the recording
+  repeats.gate = 16;
+  repeats.signature_gain = 500;
+  repeats.train_gain = -200;
+  repeats.share = -0.1;
+  repeats.test_gain = 900;
+  repeats.shown_on_test = 300;
+  repeats.happens_or_not = true;
+  EXPECT_TRUE(with_one(repeats).accepted(options).empty());
+  EXPECT_EQ(with_one(repeats).unproven(options).size(), 1u);
+
+  Refined steady = repeats, doubtful = repeats, unseen = repeats;
+  steady.happens_or_not = false;
+  doubtful.signature_gain = 1.5 * doubtful.gate;
+  unseen.shown_on_test = 0;
+  for (const Refined& other : {steady, doubtful, unseen}) EXPECT_TRUE(with_one(other).unproven(options).empty());
+}
+
+TEST(SearchResult, WhatExplainsTrainButNothingHeldOutIsTriedOnlyWhereItShowsThere) {
+  const SearchOptions options;
+  Refined bent;
+  bent.gate = 16;
+  bent.train_gain = 100;
+  bent.test_gain = 0;
+  bent.shown_on_test = 50;
+  EXPECT_TRUE(with_one(bent).accepted(options).empty());
+  EXPECT_EQ(with_one(bent).unproven(options).size(), 1u);
+  EXPECT_TRUE(with_one(bent).unconfirmed(options).empty());
+  bent.shown_on_test = 0;
+  EXPECT_TRUE(with_one(bent).unproven(options).empty());
+  EXPECT_EQ(with_one(bent).unconfirmed(options).size(), 1u);
+  bent.test_gain = 10;
+  EXPECT_EQ(with_one(bent).accepted(options).size(), 1u);
+}
+
 }  // namespace
 }  // namespace binrig
