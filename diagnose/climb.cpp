@@ -242,8 +242,7 @@ class Climb {
   /// for what was missing: it begins anew where the user put it, or stays where it is.
   Rung with_added(const Rung& rung, const Refined& hypothesis, bool anew = true) const {
     RungOptions options = climbed_.options;
-    // Where much is missing besides, whole ranges are not sought through again.
-    if (1 + (rung.dispersion - 1) * (1 - hypothesis.share) <= leaves_much) options.scan_ranges_of = hypothesis.id;
+    options.scan_ranges_of = hypothesis.id;
     options.narrow = narrow_of(rung.fit.parameters);
     hold(hypothesis, options);
     SensorModel start = hypothesis.model;
