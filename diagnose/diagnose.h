@@ -16,7 +16,7 @@ namespace binrig {
 
 struct DiagnosisOptions {
   int most_effects = 4;  ///< added one after another
-  int simulations = 32;  ///< of each model, for its own randomness; half as many where it is far off anyhow
+  int simulations = 32;  ///< of each model, for its own randomness; half as many or 8 where it is far off anyhow
   std::uint64_t seed = 1;
   std::string provenance;  ///< written into the improved model: which recording, when
 };

@@ -154,7 +154,7 @@ class Seeker {
     constexpr int places = 21;  // over 5 octaves: every power of two
     constexpr double closest = 1.003;
     const double ratio = std::pow(spec.typical_high / spec.typical_low, 1.0 / (places - 1));
-    // What makes the misfit twice as large twice in a row makes it larger and larger from there on.
+    // What adds chi once more to the misfit twice in a row adds more and more from there on.
     int hopeless = 0;
     for (int k = 0; k < places && hopeless < 2; ++k) {
       const double wanted = spec.typical_low * std::pow(ratio, k);

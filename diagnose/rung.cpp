@@ -123,7 +123,7 @@ std::vector<NuisanceRow> learn_randomness(const Experiment& experiment, const st
     whiten_nulls(layout, measured.all, shifts, rung);
     // Where the model is far off, more simulations say nothing more.
     const Metric metric(layout, Part::train, rows);
-    if (dispersion_of(rung, metric) > (count == fewest_simulations ? lacks_most : lacks_much)) break;
+    if (dispersion_of(rung, metric) > (count < options.simulations / 2 ? lacks_most : lacks_much)) break;
   }
   return rows;
 }

@@ -26,8 +26,8 @@ struct Rung {
 };
 
 struct RungOptions {
-  int simulations = 48;
-  int pose_draws = 12;  ///< different random registrations among the simulations
+  int simulations = 48;  ///< half as many where the dispersion is beyond 2; 8, if that is fewer, beyond 8
+  int pose_draws = 12;   ///< different random registrations among the simulations
   int passes = 2, iterations = 8;
   double converged_far_off = 0;      ///< of FitOptions
   std::string scan_ranges_of;        ///< of FitOptions, in the first pass

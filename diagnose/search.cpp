@@ -198,11 +198,10 @@ class Search {
     refined.fit = std::move(fitted.fit);
     refined.hypothesis = h;
     refined.effect = hypotheses_.tested[h].effect;
-    refined.linear_gain = result_.linear[h].gain;
-    refined.signature_gain = refined.linear_gain / rung_.dispersion;
+    refined.linear_gain = result_.linear[h].gain / rung_.dispersion;
     refined.price = result_.prices[h];
     // Of one that the linear view hardly saw, more is asked.
-    const bool doubted = refined.linear_gain / rung_.dispersion - refined.price < own_gate_[h];
+    const bool doubted = refined.linear_gain - refined.price < own_gate_[h];
     refined.gate = (doubted ? options_.beyond_doubt : 1) * own_gate_[h];
     refined.p = result_.p_values[h];
     refined.random_map = unit_maps_.looks_random(h);
@@ -320,7 +319,7 @@ std::vector<const Refined*> SearchResult::unproven(const SearchOptions& options)
     const bool beyond_doubt = candidate.train_gain - candidate.price > options.beyond_doubt * candidate.gate &&
                               significant_on_train(candidate, options);
     const bool fell_otherwise = candidate.happens_or_not && !significant_on_train(candidate, options) &&
-                                candidate.signature_gain - candidate.price > options.beyond_doubt * candidate.gate;
+                                candidate.linear_gain - candidate.price > options.beyond_doubt * candidate.gate;
     if (candidate.shown_on_test > 2 * options.least_test_gain &&
         ((candidate.test_gain <= options.least_test_gain && beyond_doubt) || fell_otherwise))
       result.push_back(&candidate);

@@ -14,12 +14,11 @@ struct Refined {
   std::string effect, id;                ///< id of the added instance
   SensorModel model;                     ///< the rung's model with the effect at its best parameters
   Fit fit;                               ///< of the effect's parameters
-  double linear_gain = 0, price = 0;     ///< of the shortlist: gain of the signatures, and what a null gains on average
+  double linear_gain = 0, price = 0;     ///< of chi, dispersion divided out: gain of the signatures, a null's mean gain
   double gate = 0;                       ///< what gain less price has to exceed
   double train_gain = 0, test_gain = 0;  ///< of chi, by simulation, dispersion divided out
   double share = 1;                      ///< of the excess over the model's own randomness on train that train_gain is
   PValue p;
-  double signature_gain = 0;    ///< linear_gain, dispersion divided out
   bool happens_or_not = false;  ///< to whole frames, as chance has it
   bool random_map = true;       ///< false: it draws a map of the unit, but what is fixed in the image looks like none
   /// Its parameters are those of a map that was recognised, with intervals: nothing else says more of them.

@@ -67,7 +67,7 @@ TEST(SearchResult, WhatHappensOrNotIsTriedWhereItsSignaturesAreBeyondDoubt) {
   const SearchOptions options;
   Refined repeats;  // in other frames of its simulations than of the recording
   repeats.gate = 16;
-  repeats.signature_gain = 500;
+  repeats.linear_gain = 500;
   repeats.train_gain = -200;
   repeats.share = -0.1;
   repeats.test_gain = 900;
@@ -78,7 +78,7 @@ TEST(SearchResult, WhatHappensOrNotIsTriedWhereItsSignaturesAreBeyondDoubt) {
 
   Refined steady = repeats, doubtful = repeats, unseen = repeats;
   steady.happens_or_not = false;
-  doubtful.signature_gain = 1.5 * doubtful.gate;
+  doubtful.linear_gain = 1.5 * doubtful.gate;
   unseen.shown_on_test = 0;
   for (const Refined& other : {steady, doubtful, unseen}) EXPECT_TRUE(with_one(other).unproven(options).empty());
 }
