@@ -17,7 +17,6 @@ namespace {
 
 constexpr double leaves_something = 1.05;   // dispersion
 constexpr double leaves_little = 1.3;       // dispersion up to which places and masks are looked after
-constexpr double leaves_much = 8;           // dispersion beyond which the turn of others comes anyhow
 constexpr double close_behind = 0.9;        // share of the best one's gain
 constexpr double least_fall = 0.02;         // share of what is left of the held-out score
 constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
@@ -171,7 +170,7 @@ class Climb {
     Rung next = with_added(rung, *best);
     const auto runner_up =
         std::find_if(worthy.begin(), worthy.end(), [&](const Refined* other) { return other->effect != best->effect; });
-    if (next.dispersion <= leaves_something || next.dispersion > leaves_much || runner_up == worthy.end() ||
+    if (next.dispersion <= leaves_something || runner_up == worthy.end() ||
         (*runner_up)->score() <= close_behind * best->score())
       return {best, std::move(next)};
     Rung other = with_added(rung, **runner_up);

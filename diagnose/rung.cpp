@@ -16,8 +16,8 @@ namespace binrig {
 namespace {
 
 constexpr int fewest_frames = 2, short_frames = 3;  // of a first pass, of the last one
-constexpr int fewest_simulations = 8;               // of what lacks most
-constexpr double lacks_much = 2, lacks_most = 8;    // dispersion
+constexpr int fewest_simulations = 8;               // where many are missing
+constexpr double lacks_much = 2;                    // dispersion
 
 /// A handful of short simulations for the weights of a fit.
 std::vector<StatVector> short_simulations(const Experiment& experiment, const SensorModel& model,
@@ -123,7 +123,7 @@ std::vector<NuisanceRow> learn_randomness(const Experiment& experiment, const st
     whiten_nulls(layout, measured.all, shifts, rung);
     // Where the model is far off, more simulations say nothing more.
     const Metric metric(layout, Part::train, rows);
-    if (dispersion_of(rung, metric) > (count < options.simulations / 2 ? lacks_most : lacks_much)) break;
+    if (dispersion_of(rung, metric) > (count < options.simulations / 2 ? many_missing : lacks_much)) break;
   }
   return rows;
 }

@@ -8,6 +8,8 @@
 
 namespace binrig {
 
+constexpr double many_missing = 8;  ///< dispersion of a model that lacks several effects: each has its turn
+
 struct Rung {
   SensorModel model;
   Fit fit;                              ///< of the model's own parameters, on train

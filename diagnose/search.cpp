@@ -251,7 +251,7 @@ class Search {
   bool first_of_many() const {
     double most = 0;
     for (const Refined& refined : result_.refined) most = std::max(most, refined.train_gain * rung_.dispersion);
-    return left_ > options_.many_missing && most > options_.far_ahead * second_listed_;
+    return left_ > many_missing && most > options_.far_ahead * second_listed_;
   }
 
   /// From the model as it was given, unless that names the best one of those accepted, too.

@@ -44,12 +44,11 @@ struct SearchOptions {
   double beyond_doubt = 2;
   int seeds = 2;
   std::uint64_t seed = 501;
-  double astray = 3;           ///< dispersion beyond which, whoever explains it, hypotheses are fitted anew,
-  double unexplained = 1.15;   ///< and beyond which if nobody does
-  double misplaced = 3;        ///< so does a mean square of poses or intrinsics, in stated uncertainties
-  int anew = 2;                ///< so many;
-  double many_missing = 8;     ///< but not where the best leaves more than this dispersion
-  double far_ahead = 5;        ///< and gains so many times what the second of the shortlist does
+  double astray = 3;          ///< dispersion beyond which, whoever explains it, hypotheses are fitted anew,
+  double unexplained = 1.15;  ///< and beyond which if nobody does
+  double misplaced = 3;       ///< so does a mean square of poses or intrinsics, in stated uncertainties
+  int anew = 2;               ///< so many;
+  double far_ahead = 5;  ///< but not where the best leaves many missing and gains so many times what the second does
   double least_test_gain = 9;  ///< three standard deviations of an effect that is known
   double least_train_gain = 16;
   double least_share = 0.02;  ///< of the excess: in a large remainder, chance resemblances gain, too
