@@ -100,21 +100,11 @@ class Seeker {
   }
 
   /// Chi. Where something else is missing, what a wrong step does to the noise that lacks it may outweigh the lines
-  /// that only the right one draws: there every statistic counts by how much nearer it comes on its own scale, nobody
-  /// knowing how far off it would be (a normal likelihood, each segment's variance profiled out; in units of chi).
+  /// that only the right one draws: there it is how near every block comes.
   double misfit(const FitState& state, bool of_step) const {
     const double dispersion = descent_.now().dispersion;
     if (!of_step || dispersion <= far_off) return state.chi;
-    std::vector<double> square(segments().size(), 0), known(segments().size(), 0);
-    for (const Block& block : layout_.blocks)
-      for (int i = block.offset; i < block.offset + block.size; ++i) {
-        square[block.segment] += state.residual[i] * state.residual[i];
-        known[block.segment] += state.residual[i] != 0;
-      }
-    double sum = 0;
-    for (std::size_t s = 0; s < square.size(); ++s)
-      if (known[s] > 0) sum += known[s] * std::log(std::max(1.0, square[s] / known[s]));
-    return dispersion * sum;
+    return dispersion * misfit_by_blocks(layout_, state.residual);
   }
 
   /// Tries a value of a parameter that is not fitted; keeps it if the misfit falls. Returns by how much it does.

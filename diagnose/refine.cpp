@@ -150,11 +150,19 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   fit.probe_within = std::numeric_limits<double>::infinity();
   fit.scan_ranges_of = id;
   const auto parameters = fit_parameters(model, catalogue, {id});
-  const Places places = places_for(refiner, model);
+  Places places = places_for(refiner, model);
+  // Where the model's noise is far off, too, a wrong step is the better for what less noise would make of it if its
+  // logarithm went straight down: there the model's own parameters stay where they are while steps are compared.
+  const bool compares_steps = rung.dispersion > far_off && amplitude && is_step(*hypothesis.declaration, *amplitude);
+  const Layout& layout = experiment.layout();
+  const Metric standing =
+      compares_steps ? Metric(layout, Part::train, motion_rows(layout, rung.standard, motions)) : Metric();
+  if (compares_steps) places.values.resize(motions.size());
   fit.place = places.values;
   fit.motions = &motions;
   const Whitened few = rung.standard.linear(measured.at(fit.most_frames, fit.shorten_series));
-  Fit first = fit_model(experiment, rung.standard, rung.train, few, model, parameters, places.offsets, fit);
+  Fit first = fit_model(experiment, rung.standard, compares_steps ? standing : rung.train, few, model, parameters,
+                        places.offsets, fit);
   // Where the rung is far off, all frames say no more than a few.
   if (first.parameters.empty() || rung.dispersion > far_off) return {id, std::move(first)};
   fit.nearby = &first;  // a last step with all frames

@@ -200,4 +200,18 @@ double dot(const Whitened& a, const Whitened& b) {
   return total;
 }
 
+double misfit_by_blocks(const Layout& layout, const Whitened& residual) {
+  double sum = 0, known = 0;
+  int blocks = 0;
+  for (const Block& block : layout.blocks) {
+    const Eigen::Map<const Eigen::VectorXf> rest(residual.data() + block.offset, block.size);
+    const auto count = (rest.array() != 0).count();
+    if (count == 0) continue;
+    sum += std::log(std::max(1.0, static_cast<double>(rest.squaredNorm()) / count));
+    known += count;
+    ++blocks;
+  }
+  return blocks > 0 ? known * sum / blocks : 0;
+}
+
 }  // namespace binrig

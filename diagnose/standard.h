@@ -52,4 +52,10 @@ float compression_slope(float compressed);
 
 double dot(const Whitened& a, const Whitened& b);
 
+/// How far off a residual is where something unknown is missing: ln of the mean square (at least 1) of every block's
+/// elements that are known (not 0), averaged over blocks, times the number of those elements. A normal likelihood in
+/// which each block's variance is profiled out, and in which a block's elements say one thing together: they are off
+/// together, so that a hundredth of a large map counts less than half of a few lines. 0 if nothing is known.
+double misfit_by_blocks(const Layout& layout, const Whitened& residual);
+
 }  // namespace binrig

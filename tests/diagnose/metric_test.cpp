@@ -58,6 +58,31 @@ TEST(Standard, ItsOwnSimulationsHaveUnitVariance) {
   EXPECT_NEAR(sum / count, 1, 0.08);
 }
 
+TEST(MisfitByBlocks, LinesOfAFewElementsWeighMoreThanAHairOnALargeMap) {
+  const Layout layout = small_layout();
+  // Train: the map at a mean square of 9, the five lines at 100. Nothing is known of the capture held out.
+  Whitened off(layout.size, 0.f);
+  for (int i = 0; i < 192; ++i) off[i] = i % 2 ? 3.f : -3.f;
+  for (int i = 192; i < 197; ++i) off[i] = 10.f;
+  EXPECT_NEAR(misfit_by_blocks(layout, off), 197 / 2. * (std::log(9.) + std::log(100.)), 1e-3);
+
+  Whitened nearer = off, lines = off;
+  for (int i = 0; i < 192; ++i) nearer[i] *= 0.96f;   // chi falls by 135
+  for (int i = 192; i < 197; ++i) lines[i] *= 0.75f;  // and by 219 here:
+  for (int i = 0; i < 192; ++i) lines[i] *= 1.07f;    // but it grows by 250 there
+  EXPECT_LT(dot(nearer, nearer), dot(off, off));
+  EXPECT_GT(dot(lines, lines), dot(off, off));
+  EXPECT_LT(misfit_by_blocks(layout, nearer), misfit_by_blocks(layout, off));
+  EXPECT_LT(misfit_by_blocks(layout, lines), misfit_by_blocks(layout, nearer));
+}
+
+TEST(MisfitByBlocks, WhatIsNearerThanTheModelsOwnRandomnessIsNotNearerStill) {
+  const Layout layout = small_layout();
+  EXPECT_EQ(misfit_by_blocks(layout, Whitened(layout.size, 0.f)), 0);
+  EXPECT_EQ(misfit_by_blocks(layout, Whitened(layout.size, 0.5f)), 0);
+  EXPECT_EQ(misfit_by_blocks(layout, Whitened(layout.size, 0.9f)), 0);
+}
+
 /// `captures` segments of 40 elements, each the mean of what it and its neighbours were.
 struct Correlated {
   Layout layout;
