@@ -21,6 +21,7 @@ enum class ParameterKind {
   continuous,
   integer,  ///< values between whole numbers do not exist
   phase,    ///< rad, circular with period 2 pi
+  chance,   ///< continuous: the share of frames that something happens to as a whole, or does not
 };
 
 struct ParameterSpec {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <numeric>
 #include <optional>
+#include <set>
 
 #include <fmt/format.h>
 
@@ -54,7 +55,7 @@ class Climb {
 
   Climbed run() {
     climbed_.rungs.push_back(fit_rung(experiment_, motions_, measured_, given_, {}, climbed_.options));
-    finish(climbed_.rungs[0]);
+    finish(climbed_.rungs[0], climbed_.options);
     climbed_.added.push_back("");
     // A fit that went astray says nothing of how strong the noise is.
     const Rung& first = climbed_.rungs[0];
@@ -73,11 +74,11 @@ class Climb {
  private:
   /// Where little is left, what is left may be the place of a target, a mask in the wrong valley or a fit that
   /// stopped half-way.
-  void finish(Rung& rung) const {
+  void finish(Rung& rung, const RungOptions& options) const {
     if (rung.dispersion > leaves_little) return;
-    register_by_edges(experiment_, motions_, measured_, climbed_.options, rung);
-    fit_masks(experiment_, motions_, measured_, given_, climbed_.options, rung);
-    if (rung.dispersion <= leaves_something) settle_down(experiment_, motions_, measured_, climbed_.options, rung);
+    register_by_edges(experiment_, motions_, measured_, options, rung);
+    fit_masks(experiment_, motions_, measured_, given_, options, rung);
+    if (rung.dispersion <= leaves_something) settle_down(experiment_, motions_, measured_, options, rung);
   }
 
   /// What the rung's model still lacks: hypotheses and their signatures.
@@ -115,6 +116,7 @@ class Climb {
 
   /// Adds the best hypothesis and fits everything again; false if there is none, or if it lowers no held-out score.
   bool step_up() {
+    if (take_waiting()) return true;
     const Rung& rung = climbed_.rungs.back();
     look_closer(rung);
     const auto [hypotheses, signatures] = left();
@@ -141,26 +143,62 @@ class Climb {
     if (worthy.empty()) return false;
 
     auto [best, next] = choose(rung, worthy);
+    // Where many are missing, each of these explains its own: they wait, and nothing is looked for in between.
+    if (rung.dispersion > many_missing)
+      for (const Refined* other : standing_beside(rung, *best, worthy))
+        waiting_.push_back(found_as(*other, rung, found));
+    return take(found_as(*best, rung, found), std::move(next), unproven) || take_waiting();
+  }
 
-    CandidateReport report = report_of(*best, static_cast<int>(rung.nulls.size()));
-    Evidence::Accepted accepted{best->effect, false, best->random_map, {}};
+  /// A hypothesis that a search accepted, and what is said of it.
+  struct Found {
+    Refined refined;
+    CandidateReport report;
+    Evidence::Accepted accepted;
+  };
+  Found found_as(const Refined& refined, const Rung& rung, const SearchResult& found) const {
+    Found result{refined,
+                 report_of(refined, static_cast<int>(rung.nulls.size())),
+                 {refined.effect, false, refined.random_map, {}}};
+    auto& [copy, report, accepted] = result;
     for (const auto& hypothesis : all_.tested)
-      if (hypothesis.effect == best->effect) accepted.map = hypothesis.declaration->per_unit_map;
+      if (hypothesis.effect == refined.effect) accepted.map = hypothesis.declaration->per_unit_map;
     for (const auto& rival : found.refined)
-      if (rival.effect != best->effect && rival.test_gain > search_options_.least_test_gain &&
+      if (rival.effect != refined.effect && rival.test_gain > search_options_.least_test_gain &&
           std::find(accepted.rivals.begin(), accepted.rivals.end(), rival.effect) == accepted.rivals.end() &&
-          confounded(rung, *best, rival))
+          confounded(rung, refined, rival))
         accepted.rivals.push_back(rival.effect);
     report.confounded_with = accepted.rivals;
-    if (!accepted.rivals.empty()) seek_captures(report, rung, found, *best);
+    if (!accepted.rivals.empty()) seek_captures(report, rung, found, refined);
+    return result;
+  }
 
-    finish(next);
-    if (!climb(*best, std::move(next), accepted.map && accepted.map_looks_random, unproven)) return false;
-    hold(*best, climbed_.options);
-    climbed_.candidates.push_back(report);
-    climbed_.evidence.accepted.push_back(accepted);
-    climbed_.added.push_back(best->effect);
+  /// Puts what was found on the ladder with its rung; false if that makes it no better.
+  bool take(const Found& found, Rung next, bool unproven) {
+    RungOptions options = climbed_.options;
+    hold(found.refined, options);
+    finish(next, options);
+    if (!climb(found.refined, std::move(next), found.accepted.map && found.accepted.map_looks_random, unproven))
+      return false;
+    climbed_.options = options;
+    climbed_.candidates.push_back(found.report);
+    climbed_.evidence.accepted.push_back(found.accepted);
+    climbed_.added.push_back(found.refined.effect);
     return true;
+  }
+
+  /// Adds the first of those waiting that still makes the ladder better; false if none does.
+  bool take_waiting() {
+    while (!waiting_.empty()) {
+      Found found = std::move(waiting_.front());
+      waiting_.erase(waiting_.begin());
+      const Rung& rung = climbed_.rungs.back();
+      SensorModel model = rung.model;
+      add_effect(model, catalogue_, found.refined.effect).values = found.refined.model.find(found.refined.id)->values;
+      found.refined.model = std::move(model);
+      if (take(found, with_added(rung, found.refined), false)) return true;
+    }
+    return false;
   }
 
   /// The one that is added, and the rung with it. The runner-up is tried, too, where the best leaves anything: a
@@ -171,7 +209,8 @@ class Climb {
     const auto runner_up =
         std::find_if(worthy.begin(), worthy.end(), [&](const Refined* other) { return other->effect != best->effect; });
     if (next.dispersion <= leaves_something || runner_up == worthy.end() ||
-        (*runner_up)->score() <= close_behind * best->score())
+        (*runner_up)->score() <= close_behind * best->score() ||
+        (rung.dispersion > many_missing && !standing_beside(rung, *best, {*runner_up}).empty()))
       return {best, std::move(next)};
     Rung other = with_added(rung, **runner_up);
     const double proper = proper_score(experiment_.layout(), next), its = proper_score(experiment_.layout(), other);
@@ -182,10 +221,26 @@ class Climb {
     return {best, std::move(next)};
   }
 
+  /// What a rung's model leaves beyond its own randomness.
+  std::set<std::pair<std::string, bool>> unexplained(const Rung& rung) const {
+    std::set<std::pair<std::string, bool>> result;
+    for (const SegmentFit& fit : goodness_of_fit(experiment_.layout(), rung))
+      if (fit.significant()) result.emplace(fit.segment, fit.train);
+    return result;
+  }
+
+  /// Is less left than by the model before, and nothing else?
+  bool explains(const Rung& previous, const Rung& last) const {
+    const auto before = unexplained(previous), after = unexplained(last);
+    return after.size() < before.size() && std::ranges::includes(before, after);
+  }
+
   /// Puts a rung on the ladder; false, and the ladder as it was, if that makes it no better. The gain was computed with
   /// the scale of the rung before; the ladder judges by the last one's. An addition that lowers neither the held-out
   /// score there nor the proper score is no improvement, whatever its gain said. Scores are of a typical unit: a map
-  /// that was learned on train and came back on the captures held out (`by_its_map`) is not in them.
+  /// that was learned on train and came back on the captures held out (`by_its_map`) is not in them. And where it lies
+  /// in the last model's randomness whether something happens at all, on its scale nothing was wrong before: what
+  /// counts is what either model leaves in units of its own.
   bool climb(const Refined& best, Rung next, bool by_its_map, bool unproven) {
     climbed_.rungs.push_back(std::move(next));
     double before = 0, after = 0;
@@ -204,7 +259,8 @@ class Climb {
       const bool falls = !gets_worse && after <= before - (unproven ? unproven_fall : least_fall) * excess;
       const bool falls_properly =
           proper <= proper_before - least_proper_gain && after < before + std::max(hardly_rises, least_fall * excess);
-      return falls || (!unproven && (by_its_map || falls_properly));
+      return falls || (!unproven && (by_its_map || falls_properly)) ||
+             (best.happens_or_not && explains(previous, last));
     };
     if (improves()) return true;
     // What is weak hardly bent the others: beginning anew may have cost more than it gains.
@@ -251,9 +307,9 @@ class Climb {
     return fit_rung(experiment_, motions_, measured_, start, anew ? std::vector<Offset>{} : rung.offsets, options);
   }
 
-  /// What a map said of an effect's parameters stays.
+  /// What is known of an effect's parameters without a fit stays.
   static void hold(const Refined& hypothesis, RungOptions& options) {
-    if (!hypothesis.given_by_map) return;
+    if (!hypothesis.held) return;
     for (const auto& [name, value] : hypothesis.model.find(hypothesis.id)->values)
       if (value.ci95) options.fixed.push_back(hypothesis.id + "." + name);
   }
@@ -316,6 +372,7 @@ class Climb {
   const SearchOptions search_options_;
   std::optional<SignatureBook> book_;
   std::vector<bool> looked_closely_;  // by hypothesis
+  std::vector<Found> waiting_;        // best first
   Climbed climbed_;
 };
 

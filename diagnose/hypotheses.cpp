@@ -47,6 +47,7 @@ std::vector<const ParameterSpec*> place_of(const EffectDeclaration& effect) {
   return place;
 }
 
+constexpr double overlapping = 0.3;                       // of values on a logarithmic scale
 constexpr double columns_apart = 0.32, rows_apart = 0.3;  // of a grid of places, of half the image's width
 
 Hypothesis make(const EffectDeclaration& effect) {
@@ -60,14 +61,20 @@ Hypothesis make(const EffectDeclaration& effect) {
     initial[spec.name] = spec.initial;
     if (spec.kind == ParameterKind::phase && &spec != amplitude) phase = &spec;
   }
+  const auto place = place_of(effect);
   // The other parameters one at a time about their initial values: enough for the shortlist, which is then refined.
   std::vector<std::map<std::string, double>> shapes{initial};
   std::vector<bool> detail{false};
   for (const auto& spec : effect.parameters) {
     if (&spec == amplitude || spec.kind == ParameterKind::phase || spec.typical_low == spec.typical_high) continue;
     std::vector<double> values;
-    for (double share : {0.15, 0.85})
-      if (std::abs(along(spec, share) - spec.initial) > 1e-9) values.push_back(along(spec, share));
+    // Where each value is another trace that nothing else brings nearer, so close that two side by side overlap.
+    const bool many = is_discrete(spec) && spec.log_scaled && !phase && place.empty();
+    const int steps = many ? static_cast<int>(std::log(spec.typical_high / spec.typical_low) / overlapping) : 1;
+    for (int k = 0; k <= steps; ++k) {
+      const double value = along(spec, 0.15 + 0.7 * k / steps);
+      if (std::abs(value - spec.initial) > 1e-9) values.push_back(value);
+    }
     if (spec.either_sign) values.push_back(clip(spec, -along(spec, 0.5)));
     for (double value : values) {
       shapes.push_back(initial);
@@ -76,7 +83,6 @@ Hypothesis make(const EffectDeclaration& effect) {
     }
   }
   // A grid of places, so close that a strong atom on each leaves no gap.
-  const auto place = place_of(effect);
   const std::size_t first_place = shapes.size();
   if (!place.empty())
     for (int row = 0; row < 5; ++row)

@@ -17,7 +17,7 @@ constexpr int few_frames = 3;
 
 }  // namespace
 
-int frames_for(const Rung& rung) { return rung.dispersion > far_off ? few_frames : 0; }
+int frames_for(const Rung& rung) { return rung.dispersion > far_off ? fewest_frames : 0; }
 
 Refiner on_train(Refiner refiner) {
   refiner.part = Part::train;
@@ -140,7 +140,7 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   }
   FitOptions fit;
   fit.seeds = 2;
-  fit.most_frames = few_frames;
+  fit.most_frames = rung.dispersion > far_off ? fewest_frames : few_frames;
   fit.shorten_series = !needs_whole_series(hypothesis.declaration->needs);
   fit.iterations = 5;
   fit.converged = 1;

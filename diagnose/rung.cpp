@@ -10,14 +10,15 @@
 
 #include "core/parallel.h"
 #include "core/random.h"
+#include "diagnose/descent.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
 
-constexpr int fewest_frames = 2, short_frames = 3;  // of a first pass, of the last one
-constexpr int fewest_simulations = 8;               // where many are missing
-constexpr double lacks_much = 2;                    // dispersion
+constexpr int short_frames = 3;        // of the last pass; fewest_frames of those before
+constexpr int fewest_simulations = 8;  // where many are missing
+constexpr double lacks_much = 2;       // dispersion
 
 /// A handful of short simulations for the weights of a fit.
 std::vector<StatVector> short_simulations(const Experiment& experiment, const SensorModel& model,
@@ -157,7 +158,8 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   // Again and again: the spread that the fit is weighted with is the model's own and changes with it.
   for (int pass = 0; pass < options.passes; ++pass) {
     const bool last = pass + 1 == options.passes;
-    const int frames = last ? short_frames : fewest_frames;
+    const bool in_haste = options.converged_far_off > 0 && pass > 0 && rung.fit.dispersion > far_off;
+    const int frames = last && !in_haste ? short_frames : fewest_frames;
     const StatVector& few = measured.at(frames, !series);
     const auto learn = [&] {
       rung.standard = Standard(

@@ -8,6 +8,7 @@
 
 namespace binrig {
 
+constexpr int fewest_frames = 2;    ///< of a capture, with which anything is fitted
 constexpr double many_missing = 8;  ///< dispersion of a model that lacks several effects: each has its turn
 
 struct Rung {
@@ -31,7 +32,7 @@ struct RungOptions {
   int simulations = 48;  ///< half as many where the dispersion is beyond 2; 8, if that is fewer, beyond 8
   int pose_draws = 12;   ///< different random registrations among the simulations
   int passes = 2, iterations = 8;
-  double converged_far_off = 0;      ///< of FitOptions
+  double converged_far_off = 0;      ///< of FitOptions; if given, all passes are made with fewest_frames there
   std::string scan_ranges_of;        ///< of FitOptions, in the first pass
   bool scan_all_ranges = false;      ///< of FitOptions, in the first pass
   std::vector<FitParameter> narrow;  ///< of effects added before; fitted like the others

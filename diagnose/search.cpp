@@ -17,6 +17,12 @@
 namespace binrig {
 namespace {
 
+/// Does it happen to whole frames, as chance has it?
+bool happens_or_not(const EffectDeclaration& effect) {
+  const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
+  return amplitude && amplitude->kind == ParameterKind::chance;
+}
+
 double quantile(std::vector<double> values, double q) {
   const auto at = values.begin() + static_cast<long>(q * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), at, values.end());
@@ -38,6 +44,7 @@ class Search {
         options_(options),
         refiner_{experiment, motions, rung, measured, options.seeds, options.seed, Part::all, frames_for(rung)},
         count_(static_cast<int>(hypotheses.tested.size())),
+        ranking_(experiment, rung, hypotheses, signatures),
         unit_maps_(experiment, rung, measured, hypotheses, options.seed + 80),
         left_(rung.dispersion) {}
 
@@ -66,14 +73,13 @@ class Search {
 
   /// Gains of all hypotheses, on the data and on recordings in which nothing is missing.
   void hold_signatures_against_residual() {
-    const Ranking ranking(experiment_, rung_, hypotheses_, signatures_);
-    result_.linear = ranking.gains(rung_.rest, rung_.nuisances);
+    result_.linear = ranking_.gains(rung_.rest, rung_.nuisances);
     unit_maps_.learn(result_.linear);
     result_.null_gains.resize(count_);
     for (const auto& null : rung_.nulls) {
       const Explained explained = rung_.train.explain(null);
       const Whitened& rest = explained.rest;
-      auto gains = ranking.gains(rest, explained.values);
+      auto gains = ranking_.gains(rest, explained.values);
       unit_maps_.add_gains(rest, gains);
       for (int h = 0; h < count_; ++h) result_.null_gains[h].push_back(gains[h].gain);
     }
@@ -205,9 +211,9 @@ class Search {
     refined.gate = (doubted ? options_.beyond_doubt : 1) * own_gate_[h];
     refined.p = result_.p_values[h];
     refined.random_map = unit_maps_.looks_random(h);
-    refined.given_by_map = unit_maps_.gives_parameters(h);
     Refiner refiner = refiner_;
-    refined.happens_or_not = hypotheses_.tested[h].declaration->needs.repeats;
+    refined.happens_or_not = happens_or_not(*hypotheses_.tested[h].declaration);
+    refined.held = unit_maps_.gives_parameters(h) || refined.happens_or_not;
     if (refined.happens_or_not) refiner.seeds *= 4;
     const Remainder with = registered_remainder(refiner, refined.model);
     refined.train_gain = (base_.train - with.train + unit_maps_.gain(h).train) / rung_.dispersion;
@@ -225,6 +231,46 @@ class Search {
     result_.refined.push_back(std::move(refined));
   }
 
+  /// The rung's model with a hypothesis that happens to whole frames or not. Nothing that compares a few simulations
+  /// with the recording says how often: it happens in others of their frames. What the signatures make of recordings
+  /// in which it happens so often says it, and how far chance takes that.
+  RefinedFit given_by_signatures(int h) const {
+    constexpr int recordings = 24, rounds = 2;
+    const EffectDeclaration& effect = *hypotheses_.tested[h].declaration;
+    const ParameterSpec& spec = *effect.parameter(effect.amplitude);
+    std::map<std::string, double> values = result_.linear[h].values;
+    const double wanted = values.at(spec.name);
+    double deviation = 0;
+    for (int round = 0; round < rounds; ++round) {
+      double& value = values.at(spec.name);
+      const SensorModel model = with_effect(rung_.model, experiment_.forward().catalogue(), effect.name, values);
+      std::vector<Trial> trials;
+      for (int k = 0; k < recordings; ++k)
+        trials.push_back({model, rung_.offsets, options_.seed + 4000 + static_cast<std::uint64_t>(k), Part::train});
+      double sum = 0, square = 0;
+      for (const StatVector& recording : experiment_.simulate(trials, "refining hypotheses")) {
+        const Explained explained = rung_.train.explain(rung_.standard.linear(recording));
+        const double found = ranking_.gains(explained.rest, explained.values)[h].values.at(spec.name);
+        sum += found, square += found * found;
+      }
+      const double mean = sum / recordings;
+      if (mean <= 0) break;
+      deviation = std::sqrt(std::max(0.0, square / recordings - mean * mean)) * value / mean;
+      value = std::clamp(value * wanted / mean, spec.lower, spec.upper);
+      if (tracing())
+        fmt::print(stderr, "  {} {}: signatures say {:.4g} where it is so, then {:.4g} +- {:.4g}\n", effect.name,
+                   spec.name, mean, value, deviation);
+    }
+    RefinedFit result;
+    result.fit.model = rung_.model;
+    EffectInstance& instance = add_effect(result.fit.model, experiment_.forward().catalogue(), effect.name, values);
+    result.id = instance.id;
+    ParameterValue& value = instance.values[spec.name];
+    value.ci95 = {{std::clamp(value.value - 1.96 * deviation, spec.lower, spec.upper),
+                   std::clamp(value.value + 1.96 * deviation, spec.lower, spec.upper)}};
+    return result;
+  }
+
   void refine_shortlist() {
     double most_explained = 0;
     for (const auto& [gain, h] : shortlist()) {
@@ -236,6 +282,8 @@ class Search {
       const Hypothesis& hypothesis = hypotheses_.tested[h];
       if (unit_maps_.gives_parameters(h)) {
         judge(unit_maps_.given_by_map(h, result_.linear[h].values), h);
+      } else if (happens_or_not(*hypothesis.declaration)) {
+        judge(given_by_signatures(h), h);
       } else {
         if (!has_place(*hypothesis.declaration)) look_close_by(h);
         judge(refine(refiner_, hypothesis, result_.linear[h]), h);
@@ -280,6 +328,7 @@ class Search {
   const SearchOptions& options_;
   const Refiner refiner_;
   const int count_;
+  const Ranking ranking_;
   SearchResult result_;
   UnitMapHypotheses unit_maps_;
   std::vector<double> own_gate_;
@@ -362,6 +411,19 @@ bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
   // And nobody simulates an effect to better than a hundredth of what it does.
   return lost < 9 || (s.cosine > 0.9 && lost < 2 * std::sqrt(s.distance2)) ||
          (s.cosine > 0.99 && lost < 0.01 * a.score()) || (views_disagree && lost < clearly_lost * a.score());
+}
+
+std::vector<const Refined*> standing_beside(const Rung& rung, const Refined& best,
+                                            const std::vector<const Refined*>& worthy) {
+  constexpr double in_common = 0.1, far_behind = 0.25;
+  std::vector<const Refined*> result{&best};
+  for (const Refined* other : worthy)
+    if (other->score() > far_behind * best.score() && std::ranges::all_of(result, [&](const Refined* taken) {
+          return taken->effect != other->effect && std::abs(separation(rung, *taken, *other).cosine) < in_common;
+        }))
+      result.push_back(other);
+  result.erase(result.begin());
+  return result;
 }
 
 }  // namespace binrig

@@ -21,8 +21,9 @@ struct Refined {
   PValue p;
   bool happens_or_not = false;  ///< to whole frames, as chance has it
   bool random_map = true;       ///< false: it draws a map of the unit, but what is fixed in the image looks like none
-  /// Its parameters are those of a map that was recognised, with intervals: nothing else says more of them.
-  bool given_by_map = false;
+  /// Its parameters are those of a map that was recognised, or what its signatures say, with intervals: no fit says
+  /// more of them.
+  bool held = false;
   Whitened change;           ///< what it moves, all captures
   double shown_on_test = 0;  ///< square of that on the captures held out, dispersion divided out
   int shown_in = 0;          ///< the train capture that shows it most
@@ -88,5 +89,10 @@ Separation separation(const Rung& rung, const Refined& a, const Refined& b);
 /// True if the data cannot tell b from the better a: what a gains over b lies within what chance makes of two models
 /// that far apart, or is less than a quarter of what a gains where b gains more by its signatures.
 bool confounded(const Rung& rung, const Refined& a, const Refined& b);
+
+/// Those of `worthy` (best first) that move nothing that the best one moves, nor what those before them move (cosine
+/// below 0.1), and that gain a quarter of what it does: each explains its own, whichever comes first.
+std::vector<const Refined*> standing_beside(const Rung& rung, const Refined& best,
+                                            const std::vector<const Refined*>& worthy);
 
 }  // namespace binrig

@@ -10,8 +10,9 @@ namespace binrig {
 namespace {
 
 constexpr double near_enough = 6;  // standard deviations: chance makes half of that of a dozen parameters
-constexpr int most_steps = 2;
-constexpr double worth_it = 0.001;  // of the proper score, an element
+constexpr int few_steps = 2, most_steps = 6;
+constexpr double worth_it = 0.001;  // of the proper score, an element: ends it,
+constexpr double far_yet = 0.01;    // and from the second step on less than this does
 
 }  // namespace
 
@@ -33,11 +34,13 @@ void settle_down(const Experiment& experiment, const std::vector<SceneMotion>& m
     const double now = proper_score(experiment.layout(), rung, Part::train),
                  then = proper_score(experiment.layout(), next, Part::train);
     if (tracing()) fmt::print(stderr, "  settling: proper on train {:.4f} -> {:.4f}\n", now, then);
-    if (then < now) rung = std::move(next);
-    if (then > now)
+    const double gained = now - then;
+    if (gained > 0)
+      rung = std::move(next);
+    else
       share /= 2;
-    else if (now - then < worth_it)
-      return;
+    const bool done = k + 1 < few_steps ? gained >= 0 && gained < worth_it : gained < far_yet;
+    if (done) return;
   }
 }
 

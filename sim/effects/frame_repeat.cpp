@@ -46,6 +46,7 @@ const Effect& frame_repeat() {
                                               .typical_high = 0.5,
                                               .neutral = 0.0,
                                               .initial = 0.2,
+                                              .kind = ParameterKind::chance,
                                               .meaning = "share of frames that are repeats"}},
                               .neighbourhood_px = 0,
                               .amplitude = "probability",

@@ -109,6 +109,22 @@ TEST(Hypotheses, PhasesComeInPairsAQuarterApart) {
 
 // Wherever in the image a spot is, some atom of the hypothesis lies upon it (spots of medium size; image coordinates,
 // half the image wide = 1, here of a 4 : 3 image 128 px wide).
+TEST(Hypotheses, WhereEachValueIsAnotherTraceTheyLieCloseTogether) {
+  const NoMotion forward;
+  for (const auto& hypothesis : make_hypotheses(forward, one_effect_model()).tested) {
+    if (hypothesis.effect != "noise_bumps") continue;
+    const ParameterSpec& frequency = *hypothesis.declaration->parameter("frequency");
+    std::set<double> values;
+    for (const auto& path : hypothesis.paths)
+      if (!path.detail) values.insert(path.atoms[0].values.at("frequency"));
+    const double range = frequency.typical_high / frequency.typical_low;
+    EXPECT_LE(*values.begin(), frequency.typical_low * std::pow(range, 0.151));
+    EXPECT_GE(*values.rbegin(), frequency.typical_low * std::pow(range, 0.849));
+    // A ring in the middle between two is off by an eighth: a width of 0.02 at 0.15 per pixel covers that.
+    for (auto next = std::next(values.begin()); next != values.end(); ++next) EXPECT_LE(*next / *std::prev(next), 1.28);
+  }
+}
+
 TEST(Hypotheses, PlacesCoverTheImage) {
   const NoMotion forward;
   for (const auto& h : make_hypotheses(forward, one_effect_model()).tested) {

@@ -100,5 +100,47 @@ TEST(SearchResult, WhatExplainsTrainButNothingHeldOutIsTriedOnlyWhereItShowsTher
   EXPECT_EQ(with_one(bent).accepted(options).size(), 1u);
 }
 
+/// One capture to fit on and one to hold out, ten statistics each, no nuisances.
+struct TwoCaptures {
+  Layout layout;
+  Rung rung;
+  TwoCaptures() {
+    for (int c = 0; c < 2; ++c) {
+      layout.blocks.push_back({c, 5, layout.size, 10, 1, 10, c == 0});
+      layout.size += 10;
+      layout.train.push_back(c == 0);
+    }
+    layout.captures = 2;
+    rung.train = Metric(layout, Part::train, {});
+    rung.test = Metric(layout, Part::test, {});
+  }
+  /// Moves one statistic of either capture by 10, and another by `more`.
+  Refined moving(const std::string& effect, int statistic, double gain, int other = 0, float more = 0) const {
+    Refined refined;
+    refined.effect = effect;
+    refined.train_gain = gain;
+    refined.change.assign(layout.size, 0.f);
+    for (const int c : {0, 10}) {
+      refined.change[c + other] += more;
+      refined.change[c + statistic] += 10;
+    }
+    return refined;
+  }
+};
+
+TEST(StandingBeside, ThoseThatMoveOtherThingsAndGainMuchInTheirOrder) {
+  const TwoCaptures two;
+  const Refined best = two.moving("best", 1, 1000), apart = two.moving("apart", 2, 900),
+                alike = two.moving("alike", 3, 800, 1, 3.f),  // cosine 0.29 to the best
+      like_apart = two.moving("second", 4, 700, 2, 3.f),      // and to the one apart
+      hardly = two.moving("hardly", 5, 600, 1, 0.5f),         // 0.05
+      weak = two.moving("weak", 6, 240);
+  const auto beside = standing_beside(two.rung, best, {&best, &apart, &alike, &like_apart, &hardly, &weak});
+  EXPECT_EQ(beside, (std::vector<const Refined*>{&apart, &hardly}));
+  const Refined elsewhere = two.moving("apart", 7, 500);  // the same effect by other parameters
+  EXPECT_EQ(standing_beside(two.rung, best, {&apart, &elsewhere}).size(), 1u);
+  EXPECT_TRUE(standing_beside(two.rung, best, {&best}).empty());
+}
+
 }  // namespace
 }  // namespace binrig
