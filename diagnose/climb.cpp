@@ -142,12 +142,12 @@ class Climb {
     if (unproven) worthy = found.unproven(search_options_);
     if (worthy.empty()) return false;
 
-    auto [best, next] = choose(rung, worthy);
+    auto [best, next, beaten] = choose(rung, worthy, signatures);
     // Where many are missing, each of these explains its own: they wait, and nothing is looked for in between.
     if (rung.dispersion > many_missing)
       for (const Refined* other : standing_beside(rung, *best, worthy))
         waiting_.push_back(found_as(*other, rung, found));
-    return take(found_as(*best, rung, found), std::move(next), unproven) || take_waiting();
+    return take(found_as(*best, rung, found, beaten), std::move(next), unproven) || take_waiting();
   }
 
   /// A hypothesis that a search accepted, and what is said of it.
@@ -156,7 +156,9 @@ class Climb {
     CandidateReport report;
     Evidence::Accepted accepted;
   };
-  Found found_as(const Refined& refined, const Rung& rung, const SearchResult& found) const {
+  /// `beaten`, if given, is no rival.
+  Found found_as(const Refined& refined, const Rung& rung, const SearchResult& found,
+                 const Refined* beaten = nullptr) const {
     Found result{refined,
                  report_of(refined, static_cast<int>(rung.nulls.size())),
                  {refined.effect, false, refined.random_map, {}}};
@@ -164,7 +166,8 @@ class Climb {
     for (const auto& hypothesis : all_.tested)
       if (hypothesis.effect == refined.effect) accepted.map = hypothesis.declaration->per_unit_map;
     for (const auto& rival : found.refined)
-      if (rival.effect != refined.effect && rival.test_gain > search_options_.least_test_gain &&
+      if (rival.effect != refined.effect && !(beaten && rival.effect == beaten->effect) &&
+          rival.test_gain > search_options_.least_test_gain &&
           std::find(accepted.rivals.begin(), accepted.rivals.end(), rival.effect) == accepted.rivals.end() &&
           confounded(rung, refined, rival))
         accepted.rivals.push_back(rival.effect);
@@ -201,24 +204,52 @@ class Climb {
     return false;
   }
 
-  /// The one that is added, and the rung with it. The runner-up is tried, too, where the best leaves anything: a
-  /// model's bent parameters may have favoured the wrong one.
-  std::pair<const Refined*, Rung> choose(const Rung& rung, const std::vector<const Refined*>& worthy) const {
+  struct Chosen {
+    const Refined* best;
+    Rung rung;                        ///< with it
+    const Refined* beaten = nullptr;  ///< came close, but the data tell it from the best
+  };
+  /// The one that is added. The runner-up is tried, too: a model's bent parameters may have favoured the wrong one.
+  Chosen choose(const Rung& rung, const std::vector<const Refined*>& worthy,
+                const std::vector<Signature>& signatures) const {
     const Refined* best = worthy[0];
     Rung next = with_added(rung, *best);
-    const auto runner_up =
+    const auto second =
         std::find_if(worthy.begin(), worthy.end(), [&](const Refined* other) { return other->effect != best->effect; });
-    if (next.dispersion <= leaves_something || runner_up == worthy.end() ||
-        (*runner_up)->score() <= close_behind * best->score() ||
-        (rung.dispersion > many_missing && !standing_beside(rung, *best, {*runner_up}).empty()))
+    if (second == worthy.end() || (*second)->score() <= close_behind * best->score() ||
+        (rung.dispersion > many_missing && !standing_beside(rung, *best, {*second}).empty()))
       return {best, std::move(next)};
-    Rung other = with_added(rung, **runner_up);
+    const Refined* runner_up = *second;
+    Rung other = with_added(rung, *runner_up);
     const double proper = proper_score(experiment_.layout(), next), its = proper_score(experiment_.layout(), other);
     if (tracing())
       fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", best->effect, next.dispersion,
-                 proper, (*runner_up)->effect, other.dispersion, its);
-    if (its < proper) return {*runner_up, std::move(other)};
-    return {best, std::move(next)};
+                 proper, runner_up->effect, other.dispersion, its);
+    if (std::max(next.dispersion, other.dispersion) > leaves_something) {
+      if (its < proper) return {runner_up, std::move(other)};
+      return {best, std::move(next)};
+    }
+    // Where neither leaves anything to speak of: the right one leaves nothing that the other would explain.
+    const double left_by_best = left_for(*runner_up, next, signatures),
+                 left_by_other = left_for(*best, other, signatures);
+    if (tracing())
+      fmt::print(stderr, "  beside {} {} gains {:.1f}, beside {} {} gains {:.1f}\n", best->effect, runner_up->effect,
+                 left_by_best, runner_up->effect, best->effect, left_by_other);
+    const bool clear = std::abs(left_by_best - left_by_other) > search_options_.least_train_gain;
+    if (left_by_other < left_by_best) return {runner_up, std::move(other), clear ? best : nullptr};
+    return {best, std::move(next), clear ? runner_up : nullptr};
+  }
+
+  /// What the signatures of a hypothesis gain of what a rung leaves, less what chance makes of them.
+  double left_for(const Refined& refined, const Rung& rung, const std::vector<Signature>& signatures) const {
+    Hypotheses one;
+    std::vector<Signature> its;
+    const auto hypothesis = std::ranges::find(all_.tested, refined.effect, &Hypothesis::effect);
+    one.tested.push_back(*hypothesis);
+    for (const Signature& signature : signatures)
+      if (signature.hypothesis == refined.hypothesis) its.push_back(signature), its.back().hypothesis = 0;
+    return Ranking(experiment_, rung, one, its).gains(rung.rest, rung.nuisances)[0].gain / rung.dispersion -
+           refined.price;
   }
 
   /// What a rung's model leaves beyond its own randomness.

@@ -289,8 +289,12 @@ class Search {
         judge(refine(refiner_, hypothesis, result_.linear[h]), h);
       }
       // What fails on the captures held out must not keep others from being tried.
-      if (result_.refined.back().test_gain > options_.least_test_gain)
-        most_explained = std::max(most_explained, result_.refined.back().train_gain * rung_.dispersion);
+      const Refined& refined = result_.refined.back();
+      if (refined.test_gain <= options_.least_test_gain) continue;
+      // Where little is missing, fitting may gain several times what signatures promise, those of the others, too.
+      const double explained = refined.train_gain * rung_.dispersion;
+      most_explained =
+          std::max(most_explained, rung_.dispersion > options_.linear_until ? explained : std::min(gain, explained));
     }
   }
 
