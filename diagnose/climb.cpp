@@ -138,8 +138,12 @@ class Climb {
       climbed_.unconfirmed.push_back({candidate->effect, capture_name(experiment_, candidate->shown_in)});
     auto worthy = found.accepted(search_options_);
     // What could not prove itself beside bent parameters is fitted with all of them, and judged by what that leaves.
-    const bool unproven = worthy.empty();
-    if (unproven) worthy = found.unproven(search_options_);
+    const Refined* happening = found.happening(search_options_);
+    const bool unproven = worthy.empty() || happening;
+    if (happening)
+      worthy = {happening};
+    else if (unproven)
+      worthy = found.unproven(search_options_);
     if (worthy.empty()) return false;
 
     auto [best, next, beaten] = choose(rung, worthy, signatures);

@@ -57,7 +57,8 @@ class Search {
     const double astray = result_.accepted(options_).empty() ? options_.unexplained : options_.astray;
     // Where poses or intrinsics made up for what is missing, the rest says little of it.
     const bool misplaced = std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced;
-    if ((left_ > astray || misplaced) && !first_of_many() && rung_.model.effects.size() == book_.model().effects.size())
+    if ((left_ > astray || misplaced) && !first_of_many() && !result_.happening(options_) &&
+        rung_.model.effects.size() == book_.model().effects.size())
       look_again();
     std::sort(result_.refined.begin(), result_.refined.end(),
               [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
@@ -356,6 +357,11 @@ bool significant_on_train(const Refined& candidate, const SearchOptions& options
          candidate.train_gain - candidate.price > std::max(candidate.gate, options.least_train_gain);
 }
 
+bool happens_beyond_doubt(const Refined& candidate, const SearchOptions& options) {
+  return candidate.happens_or_not && candidate.shown_on_test > 2 * options.least_test_gain &&
+         candidate.linear_gain - candidate.price > options.beyond_doubt * candidate.gate;
+}
+
 }  // namespace
 
 std::vector<const Refined*> SearchResult::accepted(const SearchOptions& options) const {
@@ -366,13 +372,17 @@ std::vector<const Refined*> SearchResult::accepted(const SearchOptions& options)
   return result;
 }
 
+const Refined* SearchResult::happening(const SearchOptions& options) const {
+  const auto most = std::ranges::max_element(refined, {}, &Refined::linear_gain);
+  return most != refined.end() && happens_beyond_doubt(*most, options) ? &*most : nullptr;
+}
+
 std::vector<const Refined*> SearchResult::unproven(const SearchOptions& options) const {
   std::vector<const Refined*> result;
   for (const auto& candidate : refined) {
     const bool beyond_doubt = candidate.train_gain - candidate.price > options.beyond_doubt * candidate.gate &&
                               significant_on_train(candidate, options);
-    const bool fell_otherwise = candidate.happens_or_not && !significant_on_train(candidate, options) &&
-                                candidate.linear_gain - candidate.price > options.beyond_doubt * candidate.gate;
+    const bool fell_otherwise = !significant_on_train(candidate, options) && happens_beyond_doubt(candidate, options);
     if (candidate.shown_on_test > 2 * options.least_test_gain &&
         ((candidate.test_gain <= options.least_test_gain && beyond_doubt) || fell_otherwise))
       result.push_back(&candidate);

@@ -64,6 +64,9 @@ struct SearchResult {
   std::vector<Refined> refined;                 ///< best first
   /// Those that are significant on train and confirmed on test, best first.
   std::vector<const Refined*> accepted(const SearchOptions& options) const;
+  /// What happens or not, if its signatures are beyond doubt and gain more than those of any other: beside it no fit of
+  /// another means anything, since its randomness is in neither. Null if there is none.
+  const Refined* happening(const SearchOptions& options) const;
   /// Those that are beyond doubt on train and show on test, but explain nothing there as long as the model's other
   /// parameters stay where they were bent to without them. And those of which the signatures are beyond doubt, but that
   /// happen or do not, and in the recording did when in their simulations they did not: on the scale of a model in

@@ -81,6 +81,17 @@ TEST(SearchResult, WhatHappensOrNotIsTriedWhereItsSignaturesAreBeyondDoubt) {
   doubtful.linear_gain = 1.5 * doubtful.gate;
   unseen.shown_on_test = 0;
   for (const Refined& other : {steady, doubtful, unseen}) EXPECT_TRUE(with_one(other).unproven(options).empty());
+
+  // Beside it another's fit means nothing, unless that one's signatures gain more.
+  Refined fitted;
+  fitted.linear_gain = 5;
+  fitted.train_gain = fitted.test_gain = 400;
+  SearchResult both = with_one(repeats);
+  both.refined.push_back(fitted);
+  EXPECT_EQ(both.happening(options), &both.refined[0]);
+  both.refined[1].linear_gain = 501;
+  EXPECT_EQ(both.happening(options), nullptr);
+  for (const Refined& other : {steady, doubtful, unseen}) EXPECT_EQ(with_one(other).happening(options), nullptr);
 }
 
 TEST(SearchResult, WhatExplainsTrainButNothingHeldOutIsTriedOnlyWhereItShowsThere) {
