@@ -229,10 +229,11 @@ class Climb {
     if (tracing())
       fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", best->effect, next.dispersion,
                  proper, runner_up->effect, other.dispersion, its);
-    if (std::max(next.dispersion, other.dispersion) > leaves_something) {
+    if (next.dispersion > leaves_something) {
       if (its < proper) return {runner_up, std::move(other)};
       return {best, std::move(next)};
     }
+    if (other.dispersion > leaves_something) return {best, std::move(next)};
     // Where neither leaves anything to speak of: the right one leaves nothing that the other would explain.
     const double left_by_best = left_for(*runner_up, next, signatures),
                  left_by_other = left_for(*best, other, signatures);

@@ -6,15 +6,17 @@
 #include <ctime>
 #include <numbers>
 
+#include <BulletCollision/CollisionShapes/btMultiSphereShape.h>
+#include <LinearMath/btConvexHullComputer.h>
 #include <btBulletDynamicsCommon.h>
 #include <fmt/format.h>
 #include <Eigen/Eigenvalues>
 
-#include "sim/bullet_bodies.h"
-
 namespace binrig {
 namespace {
 
+// Pieces are shrunk by the margin that Bullet adds again around them, so that they touch where the part's faces do.
+constexpr double margin_mm = 0.05;
 // Contacts deeper than these take the solver more rounds.
 constexpr double hard_depth_mm = 0.12, hardest_depth_mm = 0.3;
 constexpr int hard_work = 4, hardest_work = 25;
@@ -32,10 +34,106 @@ constexpr double look_interval_s = 0.01;
 // How often parts that left are looked for.
 constexpr double escape_interval_s = 1.0 / 30;
 
+btVector3 to_bullet(const Vector3& v) { return btVector3(btScalar(v.x()), btScalar(v.y()), btScalar(v.z())); }
+
+btTransform to_bullet(const Pose& X) {
+  const Eigen::Quaterniond q(X.linear());
+  return btTransform(btQuaternion(btScalar(q.x()), btScalar(q.y()), btScalar(q.z()), btScalar(q.w())),
+                     to_bullet(X.translation()));
+}
+
+Pose to_pose(const btTransform& transform) {
+  const btQuaternion q = transform.getRotation();
+  Pose X = Pose::Identity();
+  X.linear() = Eigen::Quaterniond(q.w(), q.x(), q.y(), q.z()).normalized().toRotationMatrix();
+  const btVector3& t = transform.getOrigin();
+  X.translation() = Vector3(t.x(), t.y(), t.z());
+  return X;
+}
+
 double thread_cpu_s() {
   timespec t{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+std::unique_ptr<btCollisionShape> piece_shape(const ConvexPiece& piece, const Pose& X_MO) {
+  if (piece.points.size() == 1) {
+    // Not btSphereShape: Bullet's own pair of spheres has no contact ahead of touch, so that a ball at rest falls for a
+    // step now and then and a pile of them never counts as still.
+    const btVector3 centre(0, 0, 0);
+    const auto radius = btScalar(piece.radius_mm);
+    return std::make_unique<btMultiSphereShape>(&centre, &radius, 1);
+  }
+  std::vector<Vector3> points;
+  for (const Vector3& p : piece.points) points.push_back(X_MO * p);
+  btConvexHullComputer hull;
+  const double shrink = std::max(0.0, margin_mm - piece.radius_mm);
+  // At most half of what the thinnest piece has.
+  hull.compute(points.front().data(), static_cast<int>(sizeof(Vector3)), static_cast<int>(points.size()),
+               btScalar(shrink), btScalar(0.5));
+  auto shape = std::make_unique<btConvexHullShape>();
+  for (int i = 0; i < hull.vertices.size(); ++i) shape->addPoint(hull.vertices[i], false);
+  shape->recalcLocalAabb();
+  shape->setMargin(btScalar(std::max(margin_mm, piece.radius_mm)));
+  return shape;
+}
+
+/// Bullet stops what comes together fast at the first touch, a step ahead of it, and the little speed that is left
+/// after that is what bounces. Here the contacts that would close within this step count as closed, so that the whole
+/// speed bounces.
+class BouncingWorld : public btDiscreteDynamicsWorld {
+ public:
+  using btDiscreteDynamicsWorld::btDiscreteDynamicsWorld;
+
+ protected:
+  void solveConstraints(btContactSolverInfo& info) override {
+    for (int i = 0; i < getDispatcher()->getNumManifolds(); ++i) {
+      btPersistentManifold& manifold = *getDispatcher()->getManifoldByIndexInternal(i);
+      const btRigidBody *a = btRigidBody::upcast(manifold.getBody0()), *b = btRigidBody::upcast(manifold.getBody1());
+      for (int k = 0; k < manifold.getNumContacts(); ++k) {
+        btManifoldPoint& point = manifold.getContactPoint(k);
+        if (point.getDistance() <= 0) continue;
+        btVector3 v(0, 0, 0);
+        if (a) v += a->getVelocityInLocalPoint(point.getPositionWorldOnA() - a->getCenterOfMassPosition());
+        if (b) v -= b->getVelocityInLocalPoint(point.getPositionWorldOnB() - b->getCenterOfMassPosition());
+        const btScalar closing = -v.dot(point.m_normalWorldOnB);
+        if (closing > info.m_restitutionVelocityThreshold && closing * info.m_timeStep > point.getDistance()) {
+          point.setDistance(0);
+        }
+      }
+    }
+    btDiscreteDynamicsWorld::solveConstraints(info);
+  }
+};
+
+/// A kind of part ready for Bullet: M is the frame of its principal axes about its centre of mass.
+struct Kind {
+  std::vector<std::unique_ptr<btCollisionShape>> pieces;
+  std::unique_ptr<btCompoundShape> shape;
+  Pose X_OM = Pose::Identity();
+  btVector3 inertia;
+  double radius_mm = 0;
+};
+
+Kind make_kind(const Body& body) {
+  Kind kind;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(body.mass.inertia_kg_mm2);
+  kind.X_OM.linear() = axes.eigenvectors();
+  if (kind.X_OM.linear().determinant() < 0) kind.X_OM.linear().col(0) *= -1;
+  kind.X_OM.translation() = body.mass.centre_mm;
+  kind.inertia = to_bullet(axes.eigenvalues());
+  const Pose X_MO = kind.X_OM.inverse();
+  kind.shape = std::make_unique<btCompoundShape>(true, static_cast<int>(body.pieces.size()));
+  for (const ConvexPiece& piece : body.pieces) {
+    btTransform X_MP = btTransform::getIdentity();
+    if (piece.points.size() == 1) X_MP.setOrigin(to_bullet(X_MO * piece.points.front()));
+    kind.pieces.push_back(piece_shape(piece, X_MO));
+    kind.shape->addChildShape(X_MP, kind.pieces.back().get());
+  }
+  kind.shape->setMargin(btScalar(margin_mm));
+  kind.radius_mm = bounding_radius_mm(body);
+  return kind;
 }
 
 /// Sides of the box along the axes of O around a part, ascending.
@@ -119,7 +217,7 @@ struct Stacking::Impl {
   BinBox bin;
   StackingSettings settings;
   RandomStream stream;
-  std::vector<BulletKind> kinds;
+  std::vector<Kind> kinds;
 
   btDefaultCollisionConfiguration configuration;
   btCollisionDispatcher dispatcher{&configuration};
@@ -165,7 +263,7 @@ struct Stacking::Impl {
 
   void add_wall(const Vector3& size_mm, const Vector3& centre_mm) {
     bin_shapes.push_back(std::make_unique<btBoxShape>(to_bullet(Vector3(size_mm / 2))));
-    bin_shapes.back()->setMargin(btScalar(contact_margin_mm));
+    bin_shapes.back()->setMargin(btScalar(margin_mm));
     auto object = std::make_unique<btCollisionObject>();
     object->setCollisionShape(bin_shapes.back().get());
     Pose X = Pose::Identity();
@@ -194,7 +292,7 @@ struct Stacking::Impl {
 
   void add_part(int kind, const Pose& X_BO) {
     const Body& body = bodies[static_cast<std::size_t>(kind)];
-    BulletKind& prepared = kinds[static_cast<std::size_t>(kind)];
+    Kind& prepared = kinds[static_cast<std::size_t>(kind)];
     btRigidBody::btRigidBodyConstructionInfo info(btScalar(body.mass.mass_kg), nullptr, prepared.shape.get(),
                                                   prepared.inertia);
     info.m_startWorldTransform = to_bullet(X_BO * prepared.X_OM);
@@ -392,7 +490,7 @@ void Stacking::Impl::lay_out(std::vector<int> dropped, const Layout& layout) {
       shift = Vector3((draws.uniform(index) - 0.5) * free_x, (draws.uniform(index + 1) - 0.5) * free_y, 0);
       index += 2;
     }
-    const BulletKind& kind = kinds[static_cast<std::size_t>(dropped[i])];
+    const Kind& kind = kinds[static_cast<std::size_t>(dropped[i])];
     Pose X_BM = Pose::Identity();
     X_BM.translation() =
         shift + Vector3((slot % columns - (columns - 1) / 2.0) * spacing, (slot / columns - (rows - 1) / 2.0) * spacing,
