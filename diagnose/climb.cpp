@@ -139,7 +139,7 @@ class Climb {
     auto worthy = found.accepted(search_options_);
     // What could not prove itself beside bent parameters is fitted with all of them, and judged by what that leaves.
     const Refined* happening = found.happening(search_options_);
-    const bool unproven = worthy.empty() || happening;
+    const bool unproven = happening ? std::ranges::find(worthy, happening) == worthy.end() : worthy.empty();
     if (happening)
       worthy = {happening};
     else if (unproven)
