@@ -69,8 +69,9 @@ Hypothesis make(const EffectDeclaration& effect) {
     if (&spec == amplitude || spec.kind == ParameterKind::phase || spec.typical_low == spec.typical_high) continue;
     std::vector<double> values;
     // Where each value is another trace that nothing else brings nearer, so close that two side by side overlap.
-    const bool many = is_discrete(spec) && spec.log_scaled && !phase && place.empty();
-    const int steps = many ? static_cast<int>(std::log(spec.typical_high / spec.typical_low) / overlapping) : 1;
+    const bool many = is_discrete(spec) && spec.log_scaled && spec.typical_low > 0 && !phase && place.empty();
+    const int steps =
+        many ? std::max(1, static_cast<int>(std::log(spec.typical_high / spec.typical_low) / overlapping)) : 1;
     for (int k = 0; k <= steps; ++k) {
       const double value = along(spec, 0.15 + 0.7 * k / steps);
       if (std::abs(value - spec.initial) > 1e-9) values.push_back(value);
