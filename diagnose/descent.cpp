@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <set>
 
 #include <fmt/format.h>
@@ -35,6 +36,10 @@ Eigen::VectorXd minimum_in_box(const Eigen::MatrixXd& m, const Eigen::VectorXd& 
     if (moved < 1e-6) break;
   }
   return x;
+}
+
+double prior_precision(const FitParameter& parameter) {
+  return parameter.circular ? 0.01 : 1 / std::pow(parameter.prior_sigma, 2);
 }
 
 }  // namespace
@@ -92,6 +97,29 @@ Fit Descent::result() && {
   return std::move(fit_);
 }
 
+FitState Descent::evaluate_and_follow(const std::string& id, const std::string& name, double value) const {
+  FitState state = evaluate(id, name, value);
+  if (n_ == 0 || static_cast<int>(fit_.seed_slopes.size()) != n_) return state;
+  const auto acts_widely = acting_widely();  // the others are rough, and followed it nowhere
+  double gained = std::numeric_limits<double>::infinity();
+  // As long as it may still come to what is known, or below it.
+  while (gained > least_gain * now_.dispersion && state.chi - now_.chi < 4 * gained) {
+    Eigen::MatrixXd a;
+    Eigen::VectorXd b, lower, upper;
+    linearise(state, a, b);
+    box(state.value, lower, upper);
+    const Eigen::VectorXd step = minimum_in_box(a, b, acts_widely.select(lower, 0), acts_widely.select(upper, 0));
+    gained = 0;
+    for (double share = 1; share > 0.2 && gained <= 0; share /= 2) {
+      const Eigen::VectorXd x = within_bounds(state.value + share * step);
+      FitState next = evaluate(with_values(state.model, parameters_, x), x);
+      gained = state.chi - next.chi;
+      if (gained > 0) state = std::move(next);
+    }
+  }
+  return state;
+}
+
 FitState Descent::evaluate(const SensorModel& model, const Eigen::VectorXd& x) const {
   FitState state;
   state.model = model;
@@ -147,13 +175,13 @@ bool Descent::moved(const Explained& explained, FitState& state) const {
 
 /// Normal equations of the next step. A simulation that scatters more has derivatives that scatter along, so that
 /// those of each seed are only held against what the other seeds leave of the data.
-void Descent::linearise(Eigen::MatrixXd& a, Eigen::VectorXd& b) {
+void Descent::linearise(const FitState& state, Eigen::MatrixXd& a, Eigen::VectorXd& b) const {
   const int seeds = options_.seeds;
-  const Pull pull(now_.residual);
+  const Pull pull(state.residual);
   std::vector<Whitened> left(seeds, pull.direct());
   if (seeds > 1)
     parallel_for(seeds, [&](int k) {
-      const Whitened own = metric_.apply(now_.noise[k]);
+      const Whitened own = metric_.apply(state.noise[k]);
       const float others = std::sqrt(seeds / (seeds - 1.f));
       for (std::size_t i = 0; i < own.size(); ++i) left[k][i] += others * own[i];
     });
@@ -172,18 +200,24 @@ void Descent::linearise(Eigen::MatrixXd& a, Eigen::VectorXd& b) {
   for (int p = 0; p < n_; ++p) scale[p] = parameters_[p].prior_sigma;
   a = seeds > 1 ? positive_products(unbiased_products(curved, freed), together, scale) : together;
   for (int p = 0; p < n_; ++p) {
-    const double precision = parameters_[p].circular ? 0.01 : 1 / std::pow(parameters_[p].prior_sigma, 2);
-    if (a(p, p) < pause_below * precision) fit_.paused[p] = true;
-    if (parameters_[p].narrow && a(p, p) > 0)  // ten standard deviations
-      parameters_[p].step = std::clamp(10 / std::sqrt(a(p, p)), parameters_[p].step / 5, parameters_[p].step * 2);
+    const double precision = prior_precision(parameters_[p]);
     a(p, p) += precision;
-    if (!parameters_[p].circular) b[p] -= precision * (now_.value[p] - parameters_[p].prior_centre);
+    if (!parameters_[p].circular) b[p] -= precision * (state.value[p] - parameters_[p].prior_centre);
   }
-  fit_.precision = a;
+}
+
+/// Pauses what the data say nothing of, and takes derivatives of narrow parameters over ten standard deviations.
+void Descent::look_at_information(const Eigen::MatrixXd& a) {
+  for (int p = 0; p < n_; ++p) {
+    const double precision = prior_precision(parameters_[p]), information = a(p, p) - precision;
+    if (information < pause_below * precision) fit_.paused[p] = true;
+    if (parameters_[p].narrow && information > 0)
+      parameters_[p].step = std::clamp(10 / std::sqrt(information), parameters_[p].step / 5, parameters_[p].step * 2);
+  }
 }
 
 /// How far parameters may go in one step.
-void Descent::box(Eigen::VectorXd& lower, Eigen::VectorXd& upper) const {
+void Descent::box(const Eigen::VectorXd& value, Eigen::VectorXd& lower, Eigen::VectorXd& upper) const {
   lower.resize(n_);
   upper.resize(n_);
   for (int p = 0; p < n_; ++p) {
@@ -191,12 +225,23 @@ void Descent::box(Eigen::VectorXd& lower, Eigen::VectorXd& upper) const {
     lower[p] = -parameter.longest;
     upper[p] = parameter.longest;
     if (parameter.circular) continue;
-    lower[p] = std::max(lower[p], std::min(0.0, parameter.scaled(parameter.lower) - now_.value[p]));
-    upper[p] = std::min(upper[p], std::max(0.0, parameter.scaled(parameter.upper) - now_.value[p]));
+    lower[p] = std::max(lower[p], std::min(0.0, parameter.scaled(parameter.lower) - value[p]));
+    upper[p] = std::min(upper[p], std::max(0.0, parameter.scaled(parameter.upper) - value[p]));
     // A magnitude that falls to zero at once stays there: its derivative is zero, too.
-    if (!parameter.logarithmic && parameter.lower >= 0 && now_.value[p] > 0)
-      lower[p] = std::max(lower[p], -0.5 * now_.value[p]);
+    if (!parameter.logarithmic && parameter.lower >= 0 && value[p] > 0) lower[p] = std::max(lower[p], -0.5 * value[p]);
   }
+}
+
+/// Lets narrow parameters that stand at the limit of a step go twice as far; false if there are none.
+bool Descent::widen(const Eigen::VectorXd& delta) {
+  bool any = false;
+  for (int p = 0; p < n_; ++p) {
+    FitParameter& parameter = parameters_[p];
+    if (!parameter.narrow || std::abs(delta[p]) < 0.99 * parameter.longest) continue;
+    parameter.longest *= 2;
+    any = true;
+  }
+  return any;
 }
 
 /// Parameters with a trace in more than half of the captures.
@@ -250,9 +295,10 @@ void Descent::run() {
     const bool fresh = stale;
     Eigen::MatrixXd a;
     Eigen::VectorXd b, lower, upper;
-    linearise(a, b);
+    linearise(now_, a, b);
+    look_at_information(a);
+    fit_.precision = a;
     if (options_.iterations == 0 && !given) return;
-    box(lower, upper);
     const auto acts_widely = acting_widely();
     const double worth_a_try = options_.converged * now_.dispersion,
                  enough = std::max(worth_a_try, now_.dispersion > far_off ? options_.converged_far_off * now_.chi : 0);
@@ -268,8 +314,12 @@ void Descent::run() {
       const auto in_box = [&](const Eigen::VectorXd& end) -> Eigen::VectorXd {
         return smooth ? Eigen::VectorXd(acts_widely.select(end, 0)) : end;
       };
-      const Eigen::VectorXd delta = minimum_in_box(damped, b, in_box(lower), in_box(upper));
-      promised = delta.dot(2 * b - a * delta);
+      Eigen::VectorXd delta;
+      do {
+        box(from, lower, upper);
+        delta = minimum_in_box(damped, b, in_box(lower), in_box(upper));
+        promised = delta.dot(2 * b - a * delta);
+      } while (promised < 0.5 * worth_a_try && widen(delta));
       if (promised < 0.5 * worth_a_try) break;
       FitState next = evaluate(from + delta);
       if (next.chi < now_.chi) {
@@ -280,6 +330,7 @@ void Descent::run() {
         damping = std::max(0.01, 10 * damping);
       }
     }
+    if (gained > 0.5 * promised) widen(now_.value - from);
     if (gained > 2 * promised) gained += stretch(from);
     if (tracing())
       fmt::print(stderr, "  round {} {} chi {:.0f} dispersion {:.2f} promised {:.1f} gained {:.1f} captures {}\n",

@@ -28,6 +28,9 @@ class Descent {
   FitState evaluate(const Eigen::VectorXd& value) const;
   /// The same of one that is not fitted; `value` is in its own unit.
   FitState evaluate(const std::string& id, const std::string& name, double value) const;
+  /// The same after steps of those that are fitted, with their slopes as last simulated, as long as they help: what had
+  /// been bent to make up for the wrong value goes along with the right one.
+  FitState evaluate_and_follow(const std::string& id, const std::string& name, double value) const;
   void move_to(FitState state) { now_ = std::move(state); }
   /// Fits these, too, from what the model has.
   void also_fit(const std::vector<FitParameter>& more);
@@ -45,8 +48,10 @@ class Descent {
   Eigen::VectorXd values_of_model() const;
   Explained explain(FitState& state) const;
   bool moved(const Explained& explained, FitState& state) const;
-  void linearise(Eigen::MatrixXd& a, Eigen::VectorXd& b);
-  void box(Eigen::VectorXd& lower, Eigen::VectorXd& upper) const;
+  void linearise(const FitState& state, Eigen::MatrixXd& a, Eigen::VectorXd& b) const;
+  void look_at_information(const Eigen::MatrixXd& a);
+  void box(const Eigen::VectorXd& value, Eigen::VectorXd& lower, Eigen::VectorXd& upper) const;
+  bool widen(const Eigen::VectorXd& delta);
   Eigen::Array<bool, Eigen::Dynamic, 1> acting_widely() const;
   double stretch(const Eigen::VectorXd& from);
 

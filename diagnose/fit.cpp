@@ -111,7 +111,8 @@ class Seeker {
   double try_value(const std::string& id, const ParameterSpec& spec, double wanted) {
     wanted = std::clamp(wanted, spec.lower, spec.upper);
     if (wanted == value(id, spec)) return -std::numeric_limits<double>::infinity();
-    FitState next = descent_.evaluate(id, spec.name, wanted);
+    FitState next = spec.kind == ParameterKind::integer ? descent_.evaluate_and_follow(id, spec.name, wanted)
+                                                        : descent_.evaluate(id, spec.name, wanted);
     if (tracing())
       fmt::print(stderr, "  {}.{} = {:.5g}: chi {:.0f} (best {:.0f})\n", id, spec.name, wanted, next.chi,
                  descent_.now().chi);
@@ -172,7 +173,12 @@ class Seeker {
         const double step = spec.kind == ParameterKind::integer ? std::max(1.0, std::round(share * best))
                             : spec.either_sign                  ? share * spec.typical_high
                                                                 : share * best;
-        if (try_value(id, spec, best + direction * step) <= worthwhile()) break;
+        const double gain = try_value(id, spec, best + direction * step);
+        if (spec.kind == ParameterKind::integer && gain == 0) {  // an even diameter is the odd one above it
+          if (try_value(id, spec, best + 2 * direction * step) <= worthwhile()) break;
+        } else if (gain <= worthwhile()) {
+          break;
+        }
       }
   }
 

@@ -2,8 +2,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include <fmt/format.h>
 #include <Eigen/Cholesky>
 
+#include "diagnose/trace.h"
 #include "diagnose/unit_map.h"
 
 namespace binrig {
@@ -101,13 +103,18 @@ class MapFitter {
 
   /// How the power grows with the strength is found by simulating at another one.
   std::vector<double> solve_for_strength(const ParameterSpec& amplitude) {
+    constexpr double close = 0.05;  // of the power's logarithm: what few units have scatters more
+    constexpr int most_rounds = 5;
     double exponent = 2;  // of what is proportional to it
     double& value = fit_.values[amplitude.name];
     Try tried = try_at(fit_.values);
-    for (int round = 0; round < 2; ++round) {
+    for (int round = 0; round < most_rounds && std::abs(tried.match.log_scale) > close; ++round) {
       const double before = value, log_scale = tried.match.log_scale;
       value = std::clamp(before * std::exp(log_scale / exponent), amplitude.lower, amplitude.upper);
       tried = try_at(fit_.values);
+      if (tracing())
+        fmt::print(stderr, "  {} {}: at {:.4g} units have {:.3f} of the power, at {:.4g} {:.3f}\n", hypothesis_.effect,
+                   amplitude.name, before, std::exp(-log_scale), value, std::exp(-tried.match.log_scale));
       const double moved = std::log(value / before);
       if (std::abs(moved) > 0.2) exponent = std::clamp((log_scale - tried.match.log_scale) / moved, 0.5, 4.0);
     }

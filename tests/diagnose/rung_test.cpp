@@ -45,6 +45,47 @@ TEST(FitRung, FindsAWidthThatLiesBetweenTwoPixels) {
   EXPECT_NEAR(found.value("probability"), 0.65, 2.5 * half[probability]);  // five standard deviations
 }
 
+TEST(FitRung, FindsAWholeNumberThatAnotherParameterMadeUpFor) {
+  // In a window that is too small a longer reach smooths as much: from there the right window alone is worse.
+  const auto blur = [](double diameter, double sigma_px) {
+    return model_with("bilateral_blur", {{"diameter", diameter}, {"sigma_px", sigma_px}, {"sigma_z", 3.5}});
+  };
+  const Case c(blur(7, 1.5), blur(5, 1.8));
+  const Rung rung = c.fitted({.simulations = 16});
+  const EffectInstance& found = *rung.model.find("bilateral_blur");
+  EXPECT_EQ(static_cast<int>(found.value("diameter")) / 2, 3);  // an even diameter is the odd one above it
+  EXPECT_NEAR(found.value("sigma_px"), 1.5, 0.05);
+}
+
+TEST(FitRung, MovesALobeAsFarAsTheDataPullIt) {
+  // Its place is looked for in steps of a fraction of an image; the last of the way goes together with its width.
+  const auto lobe = [](double x, double y, double radius) {
+    return model_with("ambient_noise", {{"amplitude", 1.4}, {"centre_x", x}, {"centre_y", y}, {"radius", radius}});
+  };
+  const Case c(lobe(-0.58, 0.33, 0.66), lobe(-0.45, 0.15, 0.5));
+  const Rung rung = c.fitted({.simulations = 16});
+  const EffectInstance& found = *rung.model.find("ambient_noise");
+  const Eigen::VectorXd half = half_intervals(rung.fit, rung.dispersion);
+  for (int p = 0; p < half.size(); ++p) {
+    const FitParameter& parameter = rung.fit.parameters[p];
+    if (parameter.id != "ambient_noise") continue;
+    const double truth = c.truth.find("ambient_noise")->value(parameter.name);
+    EXPECT_LT(half[p], 0.3) << parameter.name;
+    EXPECT_NEAR(parameter.scaled(found.value(parameter.name)), parameter.scaled(truth), 2 * half[p]) << parameter.name;
+  }
+}
+
+TEST(FurthestBent, IsOfTheParameterThatWentFurthestOfThoseTheDataKnow) {
+  Fit fit;
+  fit.parameters.resize(3);
+  for (FitParameter& p : fit.parameters) p.prior_centre = 1, p.prior_sigma = 2;
+  fit.value = Eigen::Vector3d(4, -5, 11);
+  fit.paused = {false, false, true};
+  EXPECT_DOUBLE_EQ(furthest_bent(fit), 3);
+  fit.parameters[1].narrow = true;
+  EXPECT_DOUBLE_EQ(furthest_bent(fit), 1.5);
+}
+
 TEST(UnfittedRung, SaysWhatTheFittedOneDoesAndThatWithoutAnEffectMuchIsLeft) {
   const SensorModel right = model_with("radial_distortion", {{"amplitude", 0.5}});
   const Case c(right, right);

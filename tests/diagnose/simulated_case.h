@@ -32,6 +32,7 @@ struct Case {
   Case(const SensorModel& truth, const SensorModel& start)
       : recording(
             bench::simulated_recording(campaign().forward(), truth, bench::drawn_offsets(campaign().forward(), 5), 5)),
+        truth(truth),
         start(start),
         experiment(campaign().forward(), start, cache),
         motions(scene_motions(experiment, start,
@@ -42,7 +43,7 @@ struct Case {
   Rung fitted(const RungOptions& options) const { return fit_rung(experiment, motions, measured, start, {}, options); }
 
   const bench::Recording recording;
-  const SensorModel start;
+  const SensorModel truth, start;
   SimulationCache cache{""};
   const Experiment experiment;
   const std::vector<SceneMotion> motions;
