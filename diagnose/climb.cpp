@@ -64,6 +64,11 @@ class Climb {
     std::vector<int> everyone(all_.tested.size());
     std::iota(everyone.begin(), everyone.end(), 0);
     book_->look_at(everyone, false);
+    // Where what is missing bent a parameter, signatures about the bent one hide what it stands in for.
+    if (furthest_bent(first.fit) > search_options_.bent) {
+      book_as_given_.emplace(experiment_, given_, all_, SignatureOptions{.seed = seed_ * 7001});
+      book_as_given_->look_at(everyone, false);
+    }
     while (static_cast<int>(climbed_.evidence.accepted.size()) < most_effects_ && step_up()) {
     }
     climbed_.removed.resize(climbed_.rungs.size());
@@ -120,8 +125,8 @@ class Climb {
     const Rung& rung = climbed_.rungs.back();
     look_closer(rung);
     const auto [hypotheses, signatures] = left();
-    const SearchResult found =
-        search(experiment_, motions_, rung, measured_, hypotheses, signatures, *book_, search_options_);
+    const SearchResult found = search(experiment_, motions_, rung, measured_, hypotheses, signatures,
+                                      book_as_given_ ? *book_as_given_ : *book_, search_options_);
     if (climbed_.ranking.empty())
       for (std::size_t h = 0; h < hypotheses.tested.size(); ++h)
         climbed_.ranking.push_back(
@@ -130,8 +135,8 @@ class Climb {
       fmt::print(stderr, "step {} gate {:.1f} dispersion {:.2f}\n", climbed_.rungs.size() - 1, found.gate,
                  rung.dispersion);
       for (const auto& r : found.refined)
-        fmt::print(stderr, "  {} linear {:.1f} price {:.1f} train {:.1f} test {:.1f}\n", r.effect, r.linear_gain,
-                   r.price, r.train_gain, r.test_gain);
+        fmt::print(stderr, "  {} linear {:.1f} price {:.1f} gate {:.1f} train {:.1f} test {:.1f}\n", r.effect,
+                   r.linear_gain, r.price, r.gate, r.train_gain, r.test_gain);
     }
     climbed_.unconfirmed.clear();
     for (const Refined* candidate : found.unconfirmed(search_options_))
@@ -406,7 +411,7 @@ class Climb {
   const std::uint64_t seed_;
   const EffectCatalogue& catalogue_;
   const SearchOptions search_options_;
-  std::optional<SignatureBook> book_;
+  std::optional<SignatureBook> book_, book_as_given_;
   std::vector<bool> looked_closely_;  // by hypothesis
   std::vector<Found> waiting_;        // best first
   Climbed climbed_;

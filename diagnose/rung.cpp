@@ -131,6 +131,16 @@ std::vector<NuisanceRow> learn_randomness(const Experiment& experiment, const st
 
 }  // namespace
 
+double furthest_bent(const Fit& fit) {
+  double furthest = 0;
+  for (std::size_t p = 0; p < fit.parameters.size(); ++p) {
+    const FitParameter& parameter = fit.parameters[p];
+    const double moved = std::abs(fit.value[static_cast<int>(p)] - parameter.prior_centre) / parameter.prior_sigma;
+    if (!fit.paused[p] && !parameter.narrow) furthest = std::max(furthest, moved);
+  }
+  return furthest;
+}
+
 bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalogue) {
   return std::any_of(model.effects.begin(), model.effects.end(), [&](const EffectInstance& effect) {
     return needs_whole_series(effect.declaration(catalogue).needs);
@@ -266,7 +276,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     for (const FitParameter& p : rung.fit.parameters)
       fmt::print(stderr, " {}.{} {:.4g}{}", p.id, p.name, rung.model.find(p.id)->value(p.name),
                  rung.fit.paused[&p - rung.fit.parameters.data()] ? " (paused)" : "");
-    fmt::print(stderr, "\n");
+    fmt::print(stderr, "\n  bent by up to {:.2f}\n", furthest_bent(rung.fit));
   }
   Remains remains = remains_of(rung, rung.data, rung.place);
   rung.rest = std::move(remains.rest);

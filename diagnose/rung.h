@@ -52,6 +52,10 @@ Remains remains_of(const Rung& rung, const Whitened& difference, const std::vect
 Remains remains_of(const Rung& rung, const SensorModel& model, const Whitened& difference,
                    const std::vector<double>& place);
 
+/// How far the fit took any of the model's parameters from where they were given, in standard deviations of their wide
+/// priors.
+double furthest_bent(const Fit& fit);
+
 /// True if any of the model's effects has a need that a few frames do not show.
 bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalogue);
 

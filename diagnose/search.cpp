@@ -33,14 +33,14 @@ class Search {
  public:
   Search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
          const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-         const SignatureBook& book, const SearchOptions& options)
+         const SignatureBook& given, const SearchOptions& options)
       : experiment_(experiment),
         motions_(motions),
         rung_(rung),
         measured_(measured),
         hypotheses_(hypotheses),
         signatures_(signatures),
-        book_(book),
+        given_(given),
         options_(options),
         refiner_{experiment, motions, rung, measured, options.seeds, options.seed, Part::all, frames_for(rung)},
         count_(static_cast<int>(hypotheses.tested.size())),
@@ -55,10 +55,11 @@ class Search {
     refine_shortlist();
     // Signatures are of the model as given, without what was added to it since.
     const double astray = result_.accepted(options_).empty() ? options_.unexplained : options_.astray;
-    // Where poses or intrinsics made up for what is missing, the rest says little of it.
-    const bool misplaced = std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced;
+    // Where poses, intrinsics or other parameters made up for what is missing, the rest says little of it.
+    const bool misplaced = std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced ||
+                           furthest_bent(rung_.fit) > options_.bent;
     if ((left_ > astray || misplaced) && !first_of_many() && !result_.happening(options_) &&
-        rung_.model.effects.size() == book_.model().effects.size())
+        rung_.model.effects.size() == given_.model().effects.size())
       look_again();
     std::sort(result_.refined.begin(), result_.refined.end(),
               [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
@@ -313,8 +314,8 @@ class Search {
     const auto best = std::max_element(accepted.begin(), accepted.end(),
                                        [](const Refined* a, const Refined* b) { return a->score() < b->score(); });
     const int known = best == accepted.end() ? -1 : (*best)->hypothesis;
-    for (Anew& anew : look_anew(experiment_, motions_, measured_, book_.model(), hypotheses_, signatures_,
-                                book_.simulations(), known, options_.anew, options_.seed + 60)) {
+    for (Anew& anew : look_anew(experiment_, motions_, measured_, given_.model(), hypotheses_, given_.signatures(),
+                                given_.simulations(), known, options_.anew, options_.seed + 60)) {
       // What the rung has learned of all else is worth more than what a fit from far away did, or it went astray.
       LinearGain start = result_.linear[anew.hypothesis];
       for (auto& [name, value] : start.values) value = anew.fit.model.find(anew.id)->value(name);
@@ -329,7 +330,7 @@ class Search {
   const Measurement& measured_;
   const Hypotheses& hypotheses_;
   const std::vector<Signature>& signatures_;
-  const SignatureBook& book_;
+  const SignatureBook& given_;
   const SearchOptions& options_;
   const Refiner refiner_;
   const int count_;
@@ -346,15 +347,18 @@ class Search {
 
 SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                     const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-                    const SignatureBook& book, const SearchOptions& options) {
-  return Search(experiment, motions, rung, measured, hypotheses, signatures, book, options).run();
+                    const SignatureBook& given, const SearchOptions& options) {
+  return Search(experiment, motions, rung, measured, hypotheses, signatures, given, options).run();
 }
 
 namespace {
 
+/// Where a model bent its parameters to the train captures, those held out show better what it lacks.
 bool significant_on_train(const Refined& candidate, const SearchOptions& options) {
-  return candidate.share > options.least_share &&
-         candidate.train_gain - candidate.price > std::max(candidate.gate, options.least_train_gain);
+  const double gate = std::max(candidate.gate, options.least_train_gain);
+  const bool held_out_show_it = candidate.train_gain - candidate.price > options.least_train_gain &&
+                                candidate.test_gain > options.beyond_doubt * gate;
+  return candidate.share > options.least_share && (candidate.train_gain - candidate.price > gate || held_out_show_it);
 }
 
 bool happens_beyond_doubt(const Refined& candidate, const SearchOptions& options) {

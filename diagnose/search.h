@@ -48,6 +48,7 @@ struct SearchOptions {
   double astray = 3;          ///< dispersion beyond which, whoever explains it, hypotheses are fitted anew,
   double unexplained = 1.15;  ///< and beyond which if nobody does
   double misplaced = 3;       ///< so does a mean square of poses or intrinsics, in stated uncertainties
+  double bent = 1;            ///< and a parameter, in standard deviations of its wide prior;
   int anew = 2;               ///< so many;
   double far_ahead = 5;  ///< but not where the best leaves many missing and gains so many times what the second does
   double least_test_gain = 9;  ///< three standard deviations of an effect that is known
@@ -78,10 +79,11 @@ struct SearchResult {
 
 /// Gains are of chi (whitened, dimensionless), those of refined hypotheses with the rung's dispersion divided out.
 /// `motions`: of scene_motions for this experiment; targets are put where each hypothesis wants them. `signatures`: of
-/// `hypotheses`, by their indices, from `book`. Throws what simulating throws.
+/// `hypotheses`, by their indices. `given`: the book of the model as it was given, for fits from there. Throws what
+/// simulating throws.
 SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                     const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-                    const SignatureBook& book, const SearchOptions& options);
+                    const SignatureBook& given, const SearchOptions& options);
 
 /// How far two refined hypotheses can be told apart on these captures: squared distance of what they move, and the
 /// cosine of the angle between, both with nuisances marginalised.

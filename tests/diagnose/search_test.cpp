@@ -111,6 +111,20 @@ TEST(SearchResult, WhatExplainsTrainButNothingHeldOutIsTriedOnlyWhereItShowsTher
   EXPECT_EQ(with_one(bent).accepted(options).size(), 1u);
 }
 
+TEST(SearchResult, WhatTheCapturesHeldOutShowBeyondDoubtNeedsLessOfTrain) {
+  const SearchOptions options;
+  Refined stands_in_bent;  // a model bent to the train captures leaves little there
+  stands_in_bent.gate = 80;
+  stands_in_bent.train_gain = 70;
+  stands_in_bent.test_gain = 490;
+  EXPECT_EQ(with_one(stands_in_bent).accepted(options).size(), 1u);
+  stands_in_bent.test_gain = 100;
+  EXPECT_TRUE(with_one(stands_in_bent).accepted(options).empty());
+  stands_in_bent.test_gain = 490;
+  stands_in_bent.train_gain = 10;
+  EXPECT_TRUE(with_one(stands_in_bent).accepted(options).empty());
+}
+
 /// One capture to fit on and one to hold out, ten statistics each, no nuisances.
 struct TwoCaptures {
   Layout layout;
