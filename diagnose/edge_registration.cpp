@@ -15,6 +15,7 @@ namespace {
 constexpr int seeds = 4;
 constexpr double worth_it = 9;  // of a square: three standard deviations of one motion
 constexpr int most_steps = 3;   // of one motion in one direction
+constexpr int most_walks = 6;   // over all motions, as long as one takes a twentieth off the square
 
 /// Walks the target of one capture.
 class Walk {
@@ -31,13 +32,11 @@ class Walk {
 
   void run() {
     const double before = square_;
-    for (const int element : {3, 4, 5, 0, 1, 2})  // shifts first
-      for (std::size_t m = 0; m < motions_.size(); ++m)
-        if (motions_[m].capture == capture_ && motions_[m].element == element)
-          for (const double reach : {1.0, 0.5})
-            for (const double direction : {1.0, -1.0})
-              for (int k = 0; k < most_steps && goes(m, direction * reach * registered_to(motions_[m])); ++k) {
-              }
+    double last = 0;
+    for (int walk = 0; walk < most_walks && (walk == 0 || square_ < 0.95 * last); ++walk) {
+      last = square_;
+      over_all_motions();
+    }
     if (tracing())
       fmt::print(stderr, "  capture {} registered by its edges: square {:.0f} -> {:.0f}\n", capture_, before, square_);
   }
@@ -45,6 +44,16 @@ class Walk {
   const std::vector<Offset>& offsets() const { return offsets_; }
 
  private:
+  void over_all_motions() {
+    for (const int element : {3, 4, 5, 0, 1, 2})  // shifts first
+      for (std::size_t m = 0; m < motions_.size(); ++m)
+        if (motions_[m].capture == capture_ && motions_[m].element == element)
+          for (const double reach : {1.0, 0.5})
+            for (const double direction : {1.0, -1.0})
+              for (int k = 0; k < most_steps && goes(m, direction * reach * registered_to(motions_[m])); ++k) {
+              }
+  }
+
   bool goes(std::size_t m, double by) {
     std::vector<double> step(motions_.size(), 0);
     step[m] = by;
@@ -87,22 +96,32 @@ class Walk {
 
 bool register_by_edges(const Experiment& experiment, const std::vector<SceneMotion>& motions,
                        const Measurement& measured, const RungOptions& options, Rung& rung) {
+  constexpr int registrations = 3;        // a target that stands better teaches the spread that its place is judged by
+  constexpr double worth_another = 0.01;  // of the proper score, an element
   const Layout& layout = experiment.layout();
-  std::vector<Offset> offsets = rung.offsets;
-  bool moved = false;
-  for (const int capture : captures_that_stand_out(layout, rung)) {
-    Walk walk(experiment, motions, rung, capture, options.seed + 700);
-    walk.run();
-    moved |= !(walk.offsets()[capture] == rung.offsets[capture]);
-    offsets[capture] = walk.offsets()[capture];
+  std::vector<int> captures = captures_that_stand_out(layout, rung);
+  bool another = false;
+  for (int k = 0; k < registrations; ++k) {
+    std::vector<Offset> offsets = rung.offsets;
+    std::vector<int> moved;
+    for (const int capture : captures) {
+      Walk walk(experiment, motions, rung, capture, options.seed + 700);
+      walk.run();
+      if (walk.offsets()[capture] == rung.offsets[capture]) continue;
+      moved.push_back(capture);
+      offsets[capture] = walk.offsets()[capture];
+    }
+    if (moved.empty()) break;
+    Rung next = made_anew(experiment, motions, measured, rung.model, offsets, options, rung.fit.parameters);
+    const double now = proper_score(layout, rung, Part::all), then = proper_score(layout, next, Part::all);
+    if (tracing()) fmt::print(stderr, "  registered by edges: proper {:.4f} -> {:.4f}\n", now, then);
+    if (then >= now) break;
+    rung = std::move(next);
+    another = true;
+    if (then > now - worth_another) break;
+    captures = std::move(moved);
   }
-  if (!moved) return false;
-  Rung next = made_anew(experiment, motions, measured, rung.model, offsets, options, rung.fit.parameters);
-  const double now = proper_score(layout, rung, Part::all), then = proper_score(layout, next, Part::all);
-  if (tracing()) fmt::print(stderr, "  registered by edges: proper {:.4f} -> {:.4f}\n", now, then);
-  if (then >= now) return false;
-  rung = std::move(next);
-  return true;
+  return another;
 }
 
 }  // namespace binrig

@@ -20,14 +20,31 @@ constexpr int short_frames = 3;        // of the last pass; fewest_frames of tho
 constexpr int fewest_simulations = 8;  // where many are missing
 constexpr double lacks_much = 2;       // dispersion
 
-/// A handful of short simulations for the weights of a fit.
-std::vector<StatVector> short_simulations(const Experiment& experiment, const SensorModel& model,
-                                          const std::vector<Offset>& offsets, int frames, bool series,
-                                          std::uint64_t seed) {
+/// What registration leaves open of where targets stand, drawn at random: by draw, in prior sigmas.
+std::vector<std::vector<double>> drawn_places(const std::vector<SceneMotion>& motions, int count, std::uint64_t seed) {
+  std::vector<std::vector<double>> draws(count, std::vector<double>(motions.size()));
+  for (int d = 0; d < count; ++d) {
+    const RandomStream stream = RandomStream(seed).child("registration").child(static_cast<std::uint64_t>(d));
+    for (std::size_t m = 0; m < motions.size(); ++m) draws[d][m] = left_open(motions[m]) * stream.normal(m);
+  }
+  return draws;
+}
+
+/// The weights of a fit, from a handful of short simulations. Targets stand elsewhere in each: where an edge meets the
+/// pixels is chance, and would pass for the trace of a parameter.
+Standard short_standard(const Experiment& experiment, const std::vector<SceneMotion>& motions, const StatVector& few,
+                        const SensorModel& model, const std::vector<Offset>& offsets, int frames, bool series,
+                        std::uint64_t seed) {
+  constexpr int simulations = 8;
+  const Layout& layout = experiment.layout();
   std::vector<Trial> trials;
-  for (int k = 0; k < 8; ++k)
-    trials.push_back({model, offsets, seed + static_cast<std::uint64_t>(k), Part::all, frames, !series});
-  return experiment.simulate(trials, "learning the model's own randomness");
+  std::vector<StatVector> shifts;
+  for (const auto& draw : drawn_places(motions, simulations, seed)) {
+    trials.push_back({model, offsets_of(layout, motions, draw, offsets),
+                      seed + static_cast<std::uint64_t>(trials.size()), Part::all, frames, !series});
+    shifts.push_back(shift_of(layout, motions, draw));
+  }
+  return Standard(layout, few, experiment.simulate(trials, "learning the model's own randomness"), shifts);
 }
 
 /// Moves the targets to where the bias maps want them; returns by how much the furthest moved, in what they are
@@ -96,13 +113,9 @@ void trace_rest(const Layout& layout, const Rung& rung) {
 std::vector<NuisanceRow> learn_randomness(const Experiment& experiment, const std::vector<SceneMotion>& motions,
                                           const Measurement& measured, const RungOptions& options, Rung& rung) {
   const Layout& layout = experiment.layout();
-  std::vector<std::vector<double>> draws(options.pose_draws, std::vector<double>(motions.size()));
+  const auto draws = drawn_places(motions, options.pose_draws, options.seed);
   std::vector<StatVector> draw_shift;
-  for (int d = 0; d < options.pose_draws; ++d) {
-    const RandomStream stream = RandomStream(options.seed).child("registration").child(static_cast<std::uint64_t>(d));
-    for (std::size_t m = 0; m < motions.size(); ++m) draws[d][m] = left_open(motions[m]) * stream.normal(m);
-    draw_shift.push_back(shift_of(layout, motions, draws[d]));
-  }
+  for (const auto& draw : draws) draw_shift.push_back(shift_of(layout, motions, draw));
   std::vector<StatVector> shifts;
   std::vector<NuisanceRow> rows;
   rung.place = values_of(motions, rung.offsets);
@@ -172,8 +185,8 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     const int frames = last && !in_haste ? short_frames : fewest_frames;
     const StatVector& few = measured.at(frames, !series);
     const auto learn = [&] {
-      rung.standard = Standard(
-          layout, few, short_simulations(experiment, rung.model, rung.offsets, frames, series, options.seed + 9000));
+      rung.standard =
+          short_standard(experiment, motions, few, rung.model, rung.offsets, frames, series, options.seed + 9000);
     };
     learn();
     const auto rows = motion_rows(layout, rung.standard, motions);
@@ -282,6 +295,11 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   rung.rest = std::move(remains.rest);
   if (tracing()) trace_rest(layout, rung);
   rung.nuisances = std::move(remains.nuisances);
+  if (tracing())
+    for (std::size_t m = 0; m < motions.size(); ++m)
+      if (motions[m].capture < 0)
+        fmt::print(stderr, "  intrinsic {} at {:.2f} sigmas, simulated at {:.2f}\n", motions[m].element,
+                   rung.nuisances[m], rung.place[m]);
   rung.train_stated = remains.train_stated;
   rung.test_stated = remains.test_stated;
   return rung;

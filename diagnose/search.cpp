@@ -418,7 +418,12 @@ bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
   constexpr double clearly_lost = 0.25;  // of what the better one gains
   // Were a the truth, b would lose by D +- 2 sqrt(D), D their squared distance; were b the truth it would win by as
   // much. The data decide unless D is within two standard deviations of nothing, or the loss is.
-  const double lost = a.score() - b.score();
+  // What could not prove itself on the captures held out, where a target may stand wrong without it, is judged by those
+  // it was fitted to.
+  const auto gained = [proved = a.test_gain > 0](const Refined& one) {
+    return one.train_gain - one.price + (proved ? one.test_gain : 0);
+  };
+  const double lost = gained(a) - gained(b);
   const Separation s = separation(rung, a, b);
   if (tracing())
     fmt::print(stderr, "  {} over {}: {:.1f}, squared distance {:.1f}, cosine {:.3f}\n", a.effect, b.effect, lost,
@@ -428,7 +433,7 @@ bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
   const bool views_disagree = b.linear_gain - b.price > a.linear_gain - a.price;
   // And nobody simulates an effect to better than a hundredth of what it does.
   return lost < 9 || (s.cosine > 0.9 && lost < 2 * std::sqrt(s.distance2)) ||
-         (s.cosine > 0.99 && lost < 0.01 * a.score()) || (views_disagree && lost < clearly_lost * a.score());
+         (s.cosine > 0.99 && lost < 0.01 * gained(a)) || (views_disagree && lost < clearly_lost * gained(a));
 }
 
 std::vector<const Refined*> standing_beside(const Rung& rung, const Refined& best,

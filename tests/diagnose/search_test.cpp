@@ -57,6 +57,14 @@ TEST(Confounded, ANarrowWinProvesNothingWhereSignaturesSayTheOpposite) {
   EXPECT_FALSE(pair.confounded());
 }
 
+TEST(Confounded, WhereTheHeldOutCapturesSayNothingThoseFittedToDecide) {
+  Pair pair(400, 5, 15);
+  pair.better.test_gain = -2000, pair.other.test_gain = 40;  // a target that stands wrong without the better one
+  EXPECT_FALSE(pair.confounded());
+  pair.other.train_gain = 395;
+  EXPECT_TRUE(pair.confounded());
+}
+
 SearchResult with_one(const Refined& candidate) {
   SearchResult result;
   result.refined.push_back(candidate);
