@@ -75,16 +75,40 @@ UnitMap::Spectrum spectrum_of(const std::vector<double>& map, int cols) {
   UnitMap::Spectrum spectrum;
   const auto modes = modes_of(rows, cols);
   spectrum.power.resize(modes.size(), 0);
+  spectrum.constant_along.resize(modes.size(), 0);
+  std::vector<double> constant(modes.size(), 0);
   for (int i = 1; i < rows * cols; ++i) {
-    const int ring = ring_of(i / cols, i % cols, rows, cols);
-    spectrum.power[ring] += transformed(i / cols, i % cols) * transformed(i / cols, i % cols) / modes[ring];
+    const int row = i / cols, col = i % cols, ring = ring_of(row, col, rows, cols);
+    const double square = transformed(row, col) * transformed(row, col);
+    spectrum.power[ring] += square / modes[ring];
+    if (row == 0 || col == 0) spectrum.constant_along[ring] += square, constant[ring] += 1;
   }
+  for (std::size_t r = 0; r < modes.size(); ++r)
+    spectrum.constant_along[r] = constant[r] > 0 ? spectrum.constant_along[r] / constant[r] : spectrum.power[r];
   spectrum.kurtosis = kurtosis_of(map);
   return spectrum;
 }
 
-/// Squares of the cosines that are constant along columns, or along rows, over what is expected in their rings: by how
-/// many standard deviations the larger sum is beyond its number. Bands stand out there, however weak they are.
+/// Mean of as many, each as it is asked for.
+template <typename SpectrumOf>
+UnitMap::Spectrum mean_spectrum(std::size_t count, const SpectrumOf& one) {
+  UnitMap::Spectrum mean;
+  mean.kurtosis = 0;
+  for (std::size_t k = 0; k < count; ++k) {
+    const UnitMap::Spectrum its = one(k);
+    mean.power.resize(its.power.size(), 0);
+    mean.constant_along.resize(its.power.size(), 0);
+    for (std::size_t r = 0; r < its.power.size(); ++r) {
+      mean.power[r] += its.power[r] / static_cast<double>(count);
+      mean.constant_along[r] += its.constant_along[r] / static_cast<double>(count);
+    }
+    mean.kurtosis += its.kurtosis / static_cast<double>(count);
+  }
+  return mean;
+}
+
+/// Squares of the cosines that are constant along columns, or along rows, over what is expected of them in their rings:
+/// by how many standard deviations the larger sum is beyond its number. Bands stand out there, however weak they are.
 double band_excess(const std::vector<double>& map, int cols, const std::vector<double>& expected) {
   const RowMajor transformed = transform(map, cols);
   const int rows = static_cast<int>(map.size()) / cols;
@@ -180,13 +204,10 @@ UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatV
           if (spread_[i] > 0) square += static_cast<double>(rest[i]) * rest[i], known += 1;
     if (known == 0 || square <= 0) continue;
     segment.noise = square / known;
-    for (const Whitened& rest : nulls) {
+    segment.noise_spectrum = mean_spectrum(nulls.size(), [&](std::size_t k) {
       double unused = 0;
-      const Spectrum its = spectrum_of(map_of(segment, rest, unused), segment.cols);
-      segment.noise_power.resize(its.power.size(), 0);
-      for (std::size_t r = 0; r < its.power.size(); ++r)
-        segment.noise_power[r] += its.power[r] / static_cast<double>(nulls.size());
-    }
+      return spectrum_of(map_of(segment, nulls[k], unused), segment.cols);
+    });
     segments_.push_back(std::move(segment));
     segments_.back().spectrum = spectrum_of_units(static_cast<int>(segments_.size()) - 1, change);
   }
@@ -194,20 +215,14 @@ UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatV
 
 UnitMap::Spectrum UnitMap::spectrum_of_units(int s, const std::vector<Whitened>& change) const {
   const Segment& segment = segments_[s];
-  Spectrum mean;
-  mean.kurtosis = 0;
-  for (const Whitened& one : change) {
-    Whitened seen = train_.apply(one);  // nuisances take of it what they take of the measured one
-    const Whitened on_test = test_.apply(one);
+  return mean_spectrum(change.size(), [&](std::size_t k) {
+    Whitened seen = train_.apply(change[k]);  // nuisances take of it what they take of the measured one
+    const Whitened on_test = test_.apply(change[k]);
     for (std::size_t i = 0; i < seen.size(); ++i) seen[i] += on_test[i];
     compress(seen);
     double unused = 0;
-    const Spectrum its = spectrum_of(map_of(segment, seen, unused), segment.cols);
-    mean.power.resize(its.power.size(), 0);
-    for (std::size_t r = 0; r < its.power.size(); ++r) mean.power[r] += its.power[r] / change.size();
-    mean.kurtosis += its.kurtosis / static_cast<double>(change.size());
-  }
-  return mean;
+    return spectrum_of(map_of(segment, seen, unused), segment.cols);
+  });
 }
 
 std::vector<double> UnitMap::modes(int s) const {
@@ -234,13 +249,14 @@ UnitMap::Match UnitMap::match(int s, const Whitened& rest, const Spectrum& units
   for (double log_scale = -6; log_scale <= 6; log_scale += 0.02) {
     double log_likelihood = 0;
     for (std::size_t r = 0; r < modes.size(); ++r) {
-      const double expected = std::exp(log_scale) * units.power[r] + segment.noise_power[r];
+      const double expected = std::exp(log_scale) * units.power[r] + segment.noise_spectrum.power[r];
       log_likelihood -= modes[r] / 2 * (std::log(expected) + seen.power[r] / expected);
     }
     if (log_likelihood > best.log_likelihood) best.log_likelihood = log_likelihood, best.log_scale = log_scale;
   }
   for (std::size_t r = 0; r < modes.size(); ++r) {
-    const double of_map = std::exp(best.log_scale) * units.power[r], expected = of_map + segment.noise_power[r];
+    const double of_map = std::exp(best.log_scale) * units.power[r],
+                 expected = of_map + segment.noise_spectrum.power[r];
     const double ratio = seen.power[r] / expected;
     best.slope.push_back(of_map / expected);
     best.misfit += modes[r] * (ratio - 1 - std::log(std::max(ratio, 1e-12)));
@@ -305,7 +321,8 @@ bool UnitMap::has_bands(const Whitened& rest) const {
     double unused = 0;
     const auto map = map_of(segment, rest, unused);
     std::vector<double> expected = power_beside_bands(map, segment.cols);
-    for (std::size_t r = 0; r < expected.size(); ++r) expected[r] = std::max(expected[r], segment.noise_power[r]);
+    for (std::size_t r = 0; r < expected.size(); ++r)
+      expected[r] = std::max(expected[r], segment.noise_spectrum.power[r]);
     const double bands = band_excess(map, segment.cols, expected);
     if (tracing()) fmt::print(stderr, "  unit map in {}: bands beside others by {:.1f}\n", segment.name, bands);
     if (bands > clearly_bands) return true;
@@ -320,9 +337,9 @@ bool UnitMap::looks_random(const Whitened& rest) const {
     double noise = 0;
     const auto map = map_of(segment, rest, noise);
     const Match found = match(static_cast<int>(s), rest, segment.spectrum);
-    std::vector<double> expected(segment.noise_power);
+    std::vector<double> expected(segment.noise_spectrum.constant_along);
     for (std::size_t r = 0; r < expected.size(); ++r)
-      expected[r] += std::exp(found.log_scale) * segment.spectrum.power[r];
+      expected[r] += std::exp(found.log_scale) * segment.spectrum.constant_along[r];
     const double bands = band_excess(map, segment.cols, expected);
     if (tracing()) fmt::print(stderr, "  unit map in {}: bands stand out by {:.1f}\n", segment.name, bands);
     if (bands > most_bands) return false;

@@ -40,10 +40,12 @@ class UnitMap {
   Gain gain(const Whitened& train, const Whitened& test, const std::string& only_segment = "") const;
 
   /// Mean squares of a map's discrete cosine transform in rings of frequency: nearly independent, if the map is a
-  /// stationary random one, and with no leakage from what does not close at the image's border.
+  /// stationary random one. What does not close at the image's border leaks little, and mostly into cosines that are
+  /// constant along rows or columns.
   struct Spectrum {
     std::vector<double> power;
-    double kurtosis = 3;  ///< of the map's values
+    std::vector<double> constant_along;  ///< of those alone; where a ring has none, of all
+    double kurtosis = 3;                 ///< of the map's values
   };
   /// How the map estimated from a residual is matched by the spectrum of simulated units.
   struct Match {
@@ -80,8 +82,8 @@ class UnitMap {
     std::string name;
     int cells = 0, cols = 0;
     std::vector<Loading> loadings;
-    double noise = 1;                 // mean square
-    std::vector<double> noise_power;  // of a map, by ring, where there is none
+    double noise = 1;         // mean square
+    Spectrum noise_spectrum;  // of a map where there is none
     Spectrum spectrum;
   };
   /// Estimates of a map, cell by cell; 0 where nothing is known. `noise`: what chance adds to the sum of their squares.
