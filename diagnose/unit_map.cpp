@@ -146,10 +146,10 @@ std::vector<double> power_beside_bands(const std::vector<double>& map, int cols)
 
 }  // namespace
 
-std::vector<Trial> UnitMap::trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed) {
+std::vector<Trial> UnitMap::trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed, int frames) {
   std::vector<Trial> trials;
   for (int k = 0; k < units; ++k)
-    trials.push_back({model, rung.offsets, seed + static_cast<std::uint64_t>(k), Part::all, 2, true});
+    trials.push_back({model, rung.offsets, seed + static_cast<std::uint64_t>(k), Part::all, frames, frames > 0});
   return trials;
 }
 

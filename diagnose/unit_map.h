@@ -29,7 +29,8 @@ class UnitMap {
   UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatVector>& without,
           const std::vector<StatVector>& with);
   /// Simulations to give to the constructor: a few units, all captures, targets where the rung has them.
-  static std::vector<Trial> trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed);
+  /// `frames`: of each capture, 0 = all. How often a pixel is a hole shows in a statistic that depends on their number.
+  static std::vector<Trial> trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed, int frames = 2);
 
   /// What units change, whitened, from the same simulations.
   static std::vector<Whitened> changes(const Rung& rung, const std::vector<StatVector>& without,

@@ -46,9 +46,11 @@ class MapFitter {
   }
 
  private:
-  std::vector<StatVector> units_at(const std::map<std::string, double>& values) const {
-    const SensorModel model = with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis_.effect, values);
-    return experiment_.simulate(UnitMap::trials_of(rung_, model, seed_), "simulating units");
+  SensorModel with(const std::map<std::string, double>& values) const {
+    return with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis_.effect, values);
+  }
+  std::vector<StatVector> simulate(const SensorModel& model, std::uint64_t seed, int frames = 2) const {
+    return experiment_.simulate(UnitMap::trials_of(rung_, model, seed, frames), "simulating units");
   }
 
   struct Try {
@@ -56,9 +58,16 @@ class MapFitter {
     UnitMap::Match match;
   };
   Try try_at(const std::map<std::string, double>& values) {
+    last_units_ = simulate(with(values), seed_);
+    return matched(UnitMap::changes(rung_, without_, last_units_));
+  }
+  /// With all frames, which the measured statistics are of.
+  Try try_whole(const std::map<std::string, double>& values) const {
+    return matched(UnitMap::changes(rung_, simulate(rung_.model, seed_, 0), simulate(with(values), seed_, 0)));
+  }
+  Try matched(const std::vector<Whitened>& changes) const {
     Try result;
-    last_units_ = units_at(values);
-    result.units = fit_.map.spectrum_of_units(segment_, UnitMap::changes(rung_, without_, last_units_));
+    result.units = fit_.map.spectrum_of_units(segment_, changes);
     result.match = fit_.map.match(segment_, rung_.rest, result.units);
     return result;
   }
@@ -118,13 +127,23 @@ class MapFitter {
       const double moved = std::log(value / before);
       if (std::abs(moved) > 0.2) exponent = std::clamp((log_scale - tried.match.log_scale) / moved, 0.5, 4.0);
     }
+    // Frame by frame a hole is seen again: the fewer the frames, the less a dead pixel stands out.
+    tried = try_whole(fit_.values);
+    if (std::abs(tried.match.log_scale) > close) {
+      value = std::clamp(value * std::exp(tried.match.log_scale / exponent), amplitude.lower, amplitude.upper);
+      last_units_ = simulate(with(fit_.values), seed_);
+      if (tracing()) fmt::print(stderr, "  with all frames {:.4g}\n", value);
+    }
     kurtosis_ = tried.units.kurtosis;
+    share_ = tried.match.slope;
     for (double& slope : tried.match.slope) slope *= exponent;
     return tried.match.slope;
   }
 
   /// Fisher's information of rings of cosines; the units that are compared with are few, too. The mean square of values
-  /// that are rarely large (a few dead pixels) scatters by their kurtosis, where normal ones have 3.
+  /// that are rarely large (a few dead pixels) scatters by their kurtosis, where normal ones have 3. And the cosines of
+  /// a smooth map are not independent: what its border leaks is in all of them. So not less than other units, each
+  /// taken for the measured one, would scatter.
   void write_deviations(const std::vector<std::string>& names, const std::vector<std::vector<double>>& slopes) {
     const int n = static_cast<int>(names.size());
     Eigen::MatrixXd information = 1e-2 * Eigen::MatrixXd::Identity(n, n);
@@ -132,9 +151,38 @@ class MapFitter {
       for (int b = 0; b < n; ++b)
         for (std::size_t r = 0; r < modes_.size(); ++r)
           information(a, b) += modes_[r] / 2 * slopes[a][r] * slopes[b][r];
-    const double wider = (1 + 1.0 / static_cast<double>(without_.size())) * std::max(1.0, (kurtosis_ - 1) / 2);
-    const Eigen::MatrixXd covariance = wider * information.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
-    for (int a = 0; a < n; ++a) fit_.deviation[names[a]] = std::sqrt(std::max(0.0, covariance(a, a)));
+    const Eigen::MatrixXd inverse = information.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+    const double few_units = 1 + 1.0 / static_cast<double>(without_.size());
+    const Eigen::VectorXd by_units = scatter_over_units(inverse, slopes);
+    for (int a = 0; a < n; ++a) {
+      const double by_information = std::max(1.0, (kurtosis_ - 1) / 2) * inverse(a, a);
+      fit_.deviation[names[a]] = std::sqrt(few_units * std::max({0.0, by_information, by_units[a]}));
+    }
+  }
+
+  /// Mean squares of the first steps (Fisher's scores) from the values found to where other units would have led.
+  Eigen::VectorXd scatter_over_units(const Eigen::MatrixXd& inverse_information,
+                                     const std::vector<std::vector<double>>& slopes) const {
+    constexpr int rounds = 4;
+    std::vector<std::vector<double>> powers;  // by unit
+    std::vector<double> mean(modes_.size(), 0);
+    for (int round = 1; round <= rounds; ++round) {
+      const std::uint64_t seed = seed_ + 100 * static_cast<std::uint64_t>(round);
+      for (const Whitened& change :
+           UnitMap::changes(rung_, simulate(rung_.model, seed), simulate(with(fit_.values), seed)))
+        powers.push_back(fit_.map.spectrum_of_units(segment_, {change}).power);
+    }
+    for (const auto& power : powers)
+      for (std::size_t r = 0; r < mean.size(); ++r) mean[r] += power[r] / static_cast<double>(powers.size());
+    Eigen::VectorXd square = Eigen::VectorXd::Zero(inverse_information.rows());
+    for (const auto& power : powers) {
+      Eigen::VectorXd score = Eigen::VectorXd::Zero(square.size());
+      for (int a = 0; a < score.size(); ++a)
+        for (std::size_t r = 0; r < mean.size(); ++r)
+          if (mean[r] > 0) score[a] += modes_[r] / 2 * slopes[a][r] * share_[r] * (power[r] / mean[r] - 1);
+      square += (inverse_information * score).cwiseAbs2() / static_cast<double>(powers.size());
+    }
+    return square;
   }
 
   const Experiment& experiment_;
@@ -147,6 +195,7 @@ class MapFitter {
   std::vector<double> modes_;
   std::vector<StatVector> last_units_;  // simulated where it was tried last
   double kurtosis_ = 3;                 // of units at the values found
+  std::vector<double> share_;           // of a ring's expected power that is the map's, there
 };
 
 }  // namespace
