@@ -77,11 +77,15 @@ class Climb {
   }
 
  private:
-  /// Where little is left, what is left may be the place of a target, a mask in the wrong valley or a fit that
-  /// stopped half-way.
+  /// Where little is left, or in few captures, what is left may be the place of a target; a mask in the wrong valley or
+  /// a fit that stopped half-way, where it is little.
   void finish(Rung& rung, const RungOptions& options) const {
-    if (rung.dispersion > leaves_little) return;
+    const auto leaves_much = [&] { return rung.dispersion > leaves_little; };
+    if (leaves_much() &&
+        2 * captures_that_stand_out(experiment_.layout(), rung).size() >= experiment_.captures().size())
+      return;
     register_by_edges(experiment_, motions_, measured_, options, rung);
+    if (leaves_much()) return;
     fit_masks(experiment_, motions_, measured_, given_, options, rung);
     if (rung.dispersion <= leaves_something) settle_down(experiment_, motions_, measured_, options, rung);
   }
