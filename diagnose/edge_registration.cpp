@@ -48,10 +48,24 @@ class Walk {
     for (const int element : {3, 4, 5, 0, 1, 2})  // shifts first
       for (std::size_t m = 0; m < motions_.size(); ++m)
         if (motions_[m].capture == capture_ && motions_[m].element == element)
-          for (const double reach : {1.0, 0.5})
+          for (const double reach : reaches())
             for (const double direction : {1.0, -1.0})
               for (int k = 0; k < most_steps && goes(m, direction * reach * registered_to(motions_[m])); ++k) {
               }
+  }
+
+  /// In units of what a motion is registered to, far first where the target is far from where it should be: a plane
+  /// between two coarse steps looks the same wherever it stands there.
+  std::vector<double> reaches() const {
+    constexpr double far_out = 5;  // of an element's mean square
+    int known = 0;
+    for (const Block& block : experiment_.layout().blocks)
+      if (block.capture == capture_)
+        known += static_cast<int>(std::count_if(rung_.standard.spread().begin() + block.offset,
+                                                rung_.standard.spread().begin() + block.offset + block.size,
+                                                [](float spread) { return spread > 0; }));
+    if (square_ > far_out * known) return {8, 4, 2, 1, 0.5};
+    return {1, 0.5};
   }
 
   bool goes(std::size_t m, double by) {
