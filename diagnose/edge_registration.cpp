@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -45,42 +46,59 @@ class Walk {
 
  private:
   void over_all_motions() {
+    const bool far = is_far_out();
     for (const int element : {3, 4, 5, 0, 1, 2})  // shifts first
-      for (std::size_t m = 0; m < motions_.size(); ++m)
-        if (motions_[m].capture == capture_ && motions_[m].element == element)
-          for (const double reach : reaches())
-            for (const double direction : {1.0, -1.0})
-              for (int k = 0; k < most_steps && goes(m, direction * reach * registered_to(motions_[m])); ++k) {
-              }
+      for (std::size_t m = 0; m < motions_.size(); ++m) {
+        if (motions_[m].capture != capture_ || motions_[m].element != element) continue;
+        if (far) jump(m);
+        for (const double reach : {1.0, 0.5})
+          for (const double direction : {1.0, -1.0})
+            for (int k = 0; k < most_steps && goes(m, direction * reach * registered_to(motions_[m])); ++k) {
+            }
+      }
   }
 
-  /// In units of what a motion is registered to, far first where the target is far from where it should be: a plane
-  /// between two coarse steps looks the same wherever it stands there.
-  std::vector<double> reaches() const {
+  bool is_far_out() const {
     constexpr double far_out = 5;  // of an element's mean square
+    const auto& spread = rung_.standard.spread();
     int known = 0;
     for (const Block& block : experiment_.layout().blocks)
       if (block.capture == capture_)
-        known += static_cast<int>(std::count_if(rung_.standard.spread().begin() + block.offset,
-                                                rung_.standard.spread().begin() + block.offset + block.size,
-                                                [](float spread) { return spread > 0; }));
-    if (square_ > far_out * known) return {8, 4, 2, 1, 0.5};
-    return {1, 0.5};
+        known += static_cast<int>(std::count_if(
+            spread.begin() + block.offset, spread.begin() + block.offset + block.size, [](float v) { return v > 0; }));
+    return square_ > far_out * known;
+  }
+
+  /// To the best of many places along one motion, none of which need be better than the one before: a plane between two
+  /// coarse steps looks the same wherever it stands there.
+  void jump(std::size_t m) {
+    constexpr int furthest = 16, apart = 2;
+    double best = 0, least = std::numeric_limits<double>::infinity();
+    for (int k = -furthest; k <= furthest; k += apart) {
+      const double by = k * registered_to(motions_[m]), square = square_at(moved(m, by), true);
+      if (square < least) least = square, best = by;
+    }
+    if (best != 0) goes(m, best);
+  }
+
+  std::vector<Offset> moved(std::size_t m, double by) const {
+    std::vector<double> step(motions_.size(), 0);
+    step[m] = by;
+    return offsets_of(experiment_.layout(), motions_, step, offsets_);
   }
 
   bool goes(std::size_t m, double by) {
-    std::vector<double> step(motions_.size(), 0);
-    step[m] = by;
-    const auto offsets = offsets_of(experiment_.layout(), motions_, step, offsets_);
+    std::vector<Offset> offsets = moved(m, by);
     const double square = square_at(offsets);
     if (square > square_ - worth_it) return false;
     square_ = square;
-    offsets_ = offsets;
+    offsets_ = std::move(offsets);
     return true;
   }
 
-  /// What is left of the capture, and what its pose costs.
-  double square_at(const std::vector<Offset>& offsets) const {
+  /// What is left of the capture, and what its pose costs; without the bias, which poses make up for, unless asked:
+  /// from one coarse step to the next all the rest repeats itself.
+  double square_at(const std::vector<Offset>& offsets, bool with_bias = false) const {
     std::vector<Trial> trials;
     for (int k = 0; k < seeds; ++k) {
       trials.push_back({rung_.model, offsets, seed_ + static_cast<std::uint64_t>(k)});
@@ -91,6 +109,11 @@ class Walk {
     for (std::size_t i = 0; i < rest.size(); ++i) rest[i] = rung_.data[i] - rest[i];
     compress(rest);
     double square = squares_beside_bias(experiment_.layout(), rest)[capture_];
+    if (with_bias)
+      for (const Block& block : experiment_.layout().blocks)
+        if (block.capture == capture_ && segments()[block.segment].name == "bias")
+          for (int i = block.offset; i < block.offset + block.size; ++i)
+            square += static_cast<double>(rest[i]) * rest[i];
     const auto place = values_of(motions_, offsets);
     for (std::size_t m = 0; m < motions_.size(); ++m)
       if (motions_[m].capture == capture_) square += place[m] * place[m];
