@@ -61,14 +61,7 @@ class Climb {
     const Rung& first = climbed_.rungs[0];
     const SensorModel& near = first.dispersion > search_options_.astray ? given_ : first.model;
     book_.emplace(experiment_, signature_model(given_, near, catalogue_), all_, SignatureOptions{.seed = seed_ * 7001});
-    std::vector<int> everyone(all_.tested.size());
-    std::iota(everyone.begin(), everyone.end(), 0);
-    book_->look_at(everyone, false);
-    // Where what is missing bent a parameter, signatures about the bent one hide what it stands in for.
-    if (furthest_bent(first.fit) > search_options_.bent) {
-      book_as_given_.emplace(experiment_, given_, all_, SignatureOptions{.seed = seed_ * 7001});
-      book_as_given_->look_at(everyone, false);
-    }
+    book_->look_at(everyone(), false);
     while (static_cast<int>(climbed_.evidence.accepted.size()) < most_effects_ && step_up()) {
     }
     climbed_.removed.resize(climbed_.rungs.size());
@@ -77,6 +70,24 @@ class Climb {
   }
 
  private:
+  /// Where what is missing bent a parameter, signatures about the bent one hide what it stands in for.
+  const SignatureBook& book_from_given() {
+    const Rung& first = climbed_.rungs[0];
+    const bool about_given = first.dispersion > search_options_.astray;
+    if (about_given || furthest_bent(first.fit) <= search_options_.bent) return *book_;
+    if (!book_as_given_) {
+      book_as_given_.emplace(experiment_, given_, all_, SignatureOptions{.seed = seed_ * 7001});
+      book_as_given_->look_at(everyone(), false);
+    }
+    return *book_as_given_;
+  }
+
+  std::vector<int> everyone() const {
+    std::vector<int> result(all_.tested.size());
+    std::iota(result.begin(), result.end(), 0);
+    return result;
+  }
+
   /// Where little is left, or in few captures, what is left may be the place of a target; a mask in the wrong valley or
   /// a fit that stopped half-way, where it is little.
   void finish(Rung& rung, const RungOptions& options) const {
@@ -129,8 +140,9 @@ class Climb {
     const Rung& rung = climbed_.rungs.back();
     look_closer(rung);
     const auto [hypotheses, signatures] = left();
-    const SearchResult found = search(experiment_, motions_, rung, measured_, hypotheses, signatures,
-                                      book_as_given_ ? *book_as_given_ : *book_, search_options_);
+    const SearchResult found = search(
+        experiment_, motions_, rung, measured_, hypotheses, signatures, given_,
+        [this]() -> const SignatureBook& { return book_from_given(); }, search_options_);
     if (climbed_.ranking.empty())
       for (std::size_t h = 0; h < hypotheses.tested.size(); ++h)
         climbed_.ranking.push_back(

@@ -99,7 +99,8 @@ Fit Descent::result() && {
 
 FitState Descent::evaluate_and_follow(const std::string& id, const std::string& name, double value) const {
   FitState state = evaluate(id, name, value);
-  if (n_ == 0 || static_cast<int>(fit_.seed_slopes.size()) != n_) return state;
+  const bool has_slopes = n_ > 0 && static_cast<int>(fit_.seed_slopes.size()) == n_;
+  if (!has_slopes || now_.dispersion > far_off) return state;
   const auto acts_widely = acting_widely();  // the others are rough, and followed it nowhere
   double gained = std::numeric_limits<double>::infinity();
   // As long as it may still come to what is known, or below it.

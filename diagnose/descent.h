@@ -29,7 +29,7 @@ class Descent {
   /// The same of one that is not fitted; `value` is in its own unit.
   FitState evaluate(const std::string& id, const std::string& name, double value) const;
   /// The same after steps of those that are fitted, with their slopes as last simulated, as long as they help: what had
-  /// been bent to make up for the wrong value goes along with the right one.
+  /// been bent to make up for the wrong value goes along with the right one. Not far off, where others bent it.
   FitState evaluate_and_follow(const std::string& id, const std::string& name, double value) const;
   void move_to(FitState state) { now_ = std::move(state); }
   /// Fits these, too, from what the model has.

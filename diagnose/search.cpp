@@ -33,7 +33,7 @@ class Search {
  public:
   Search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
          const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-         const SignatureBook& given, const SearchOptions& options)
+         const SensorModel& given, const std::function<const SignatureBook&()>& book, const SearchOptions& options)
       : experiment_(experiment),
         motions_(motions),
         rung_(rung),
@@ -41,6 +41,7 @@ class Search {
         hypotheses_(hypotheses),
         signatures_(signatures),
         given_(given),
+        book_(book),
         options_(options),
         refiner_{experiment, motions, rung, measured, options.seeds, options.seed, Part::all, frames_for(rung)},
         count_(static_cast<int>(hypotheses.tested.size())),
@@ -59,7 +60,7 @@ class Search {
     const bool misplaced = std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced ||
                            furthest_bent(rung_.fit) > options_.bent;
     if ((left_ > astray || misplaced) && !first_of_many() && !result_.happening(options_) &&
-        rung_.model.effects.size() == given_.model().effects.size())
+        rung_.model.effects.size() == given_.effects.size())
       look_again();
     std::sort(result_.refined.begin(), result_.refined.end(),
               [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
@@ -314,8 +315,9 @@ class Search {
     const auto best = std::max_element(accepted.begin(), accepted.end(),
                                        [](const Refined* a, const Refined* b) { return a->score() < b->score(); });
     const int known = best == accepted.end() ? -1 : (*best)->hypothesis;
-    for (Anew& anew : look_anew(experiment_, motions_, measured_, given_.model(), hypotheses_, given_.signatures(),
-                                given_.simulations(), known, options_.anew, options_.seed + 60)) {
+    const SignatureBook& book = book_();
+    for (Anew& anew : look_anew(experiment_, motions_, measured_, book.model(), hypotheses_, book.signatures(),
+                                book.simulations(), known, options_.anew, options_.seed + 60)) {
       // What the rung has learned of all else is worth more than what a fit from far away did, or it went astray.
       LinearGain start = result_.linear[anew.hypothesis];
       for (auto& [name, value] : start.values) value = anew.fit.model.find(anew.id)->value(name);
@@ -330,7 +332,8 @@ class Search {
   const Measurement& measured_;
   const Hypotheses& hypotheses_;
   const std::vector<Signature>& signatures_;
-  const SignatureBook& given_;
+  const SensorModel& given_;
+  const std::function<const SignatureBook&()>& book_;
   const SearchOptions& options_;
   const Refiner refiner_;
   const int count_;
@@ -347,8 +350,9 @@ class Search {
 
 SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                     const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-                    const SignatureBook& given, const SearchOptions& options) {
-  return Search(experiment, motions, rung, measured, hypotheses, signatures, given, options).run();
+                    const SensorModel& given, const std::function<const SignatureBook&()>& book,
+                    const SearchOptions& options) {
+  return Search(experiment, motions, rung, measured, hypotheses, signatures, given, book, options).run();
 }
 
 namespace {

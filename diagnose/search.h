@@ -1,6 +1,7 @@
 // Which single effect, added to a model, moves its statistics onto the measured ones, on captures it was not fitted to.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -79,11 +80,12 @@ struct SearchResult {
 
 /// Gains are of chi (whitened, dimensionless), those of refined hypotheses with the rung's dispersion divided out.
 /// `motions`: of scene_motions for this experiment; targets are put where each hypothesis wants them. `signatures`: of
-/// `hypotheses`, by their indices. `given`: the book of the model as it was given, for fits from there. Throws what
-/// simulating throws.
+/// `hypotheses`, by their indices. `given`: the model as it was given; `book`: signatures about it, for fits from
+/// there, asked for if they are needed. Throws what simulating throws.
 SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                     const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-                    const SignatureBook& given, const SearchOptions& options);
+                    const SensorModel& given, const std::function<const SignatureBook&()>& book,
+                    const SearchOptions& options);
 
 /// How far two refined hypotheses can be told apart on these captures: squared distance of what they move, and the
 /// cosine of the angle between, both with nuisances marginalised.
