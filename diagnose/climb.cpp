@@ -255,14 +255,19 @@ class Climb {
       return {best, std::move(next)};
     }
     if (other.dispersion > leaves_something) return {best, std::move(next)};
-    // Where neither leaves anything to speak of: the right one leaves nothing that the other would explain.
+    // Where neither leaves anything to speak of: the right one leaves nothing that the other would explain, or, if
+    // signatures do not know, fewer statistics unexplained.
     const double left_by_best = left_for(*runner_up, next, signatures),
                  left_by_other = left_for(*best, other, signatures);
     if (tracing())
       fmt::print(stderr, "  beside {} {} gains {:.1f}, beside {} {} gains {:.1f}\n", best->effect, runner_up->effect,
                  left_by_best, runner_up->effect, best->effect, left_by_other);
     const bool clear = std::abs(left_by_best - left_by_other) > search_options_.least_train_gain;
-    if (left_by_other < left_by_best) return {runner_up, std::move(other), clear ? best : nullptr};
+    const std::size_t unexplained_by_best = clear ? 0 : unexplained(next).size(),
+                      unexplained_by_other = clear ? 0 : unexplained(other).size();
+    const bool takes_other = unexplained_by_best == unexplained_by_other ? left_by_other < left_by_best
+                                                                         : unexplained_by_other < unexplained_by_best;
+    if (takes_other) return {runner_up, std::move(other), clear ? best : nullptr};
     return {best, std::move(next), clear ? runner_up : nullptr};
   }
 
