@@ -44,7 +44,16 @@ Standard short_standard(const Experiment& experiment, const std::vector<SceneMot
                       seed + static_cast<std::uint64_t>(trials.size()), Part::all, frames, !series});
     shifts.push_back(shift_of(layout, motions, draw));
   }
-  return Standard(layout, few, experiment.simulate(trials, "learning the model's own randomness"), shifts);
+  std::vector<StatVector> result = experiment.simulate(trials, "learning the model's own randomness");
+  // But masks are held to the pixels that they lose: free to move, they would lose others to make up for what is
+  // missing.
+  for (Trial& trial : trials) trial.offsets = offsets;
+  const std::vector<StatVector> in_place = experiment.simulate(trials, "learning the model's own randomness");
+  for (const Block& block : layout.blocks)
+    if (segments()[block.segment].name == "drop-out")
+      for (std::size_t k = 0; k < result.size(); ++k)
+        std::copy_n(in_place[k].begin() + block.offset, block.size, result[k].begin() + block.offset);
+  return Standard(layout, few, result, shifts);
 }
 
 /// Moves the targets to where the bias maps want them; returns by how much the furthest moved, in what they are

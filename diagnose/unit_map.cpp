@@ -337,9 +337,13 @@ bool UnitMap::looks_random(const Whitened& rest) const {
     double noise = 0;
     const auto map = map_of(segment, rest, noise);
     const Match found = match(static_cast<int>(s), rest, segment.spectrum);
-    std::vector<double> expected(segment.noise_spectrum.constant_along);
+    // What leaks into bands is more than what others of their rings have; few units say too little of less.
+    const auto of_bands = [](const Spectrum& spectrum, std::size_t r) {
+      return std::max(spectrum.power[r], spectrum.constant_along[r]);
+    };
+    std::vector<double> expected(segment.spectrum.power.size());
     for (std::size_t r = 0; r < expected.size(); ++r)
-      expected[r] += std::exp(found.log_scale) * segment.spectrum.constant_along[r];
+      expected[r] = of_bands(segment.noise_spectrum, r) + std::exp(found.log_scale) * of_bands(segment.spectrum, r);
     const double bands = band_excess(map, segment.cols, expected);
     if (tracing()) fmt::print(stderr, "  unit map in {}: bands stand out by {:.1f}\n", segment.name, bands);
     if (bands > most_bands) return false;

@@ -41,7 +41,8 @@ class MapFitter {
     slopes.push_back(solve_for_strength(*amplitude));
     names.push_back(amplitude->name);
     write_deviations(names, slopes);
-    fit_.map = UnitMap(experiment_.layout(), rung_, without_, last_units_);
+    fit_.map =
+        UnitMap(experiment_.layout(), rung_, simulate(rung_.model, seed_, 0), simulate(with(fit_.values), seed_, 0));
     return std::move(fit_);
   }
 
@@ -57,9 +58,8 @@ class MapFitter {
     UnitMap::Spectrum units;
     UnitMap::Match match;
   };
-  Try try_at(const std::map<std::string, double>& values) {
-    last_units_ = simulate(with(values), seed_);
-    return matched(UnitMap::changes(rung_, without_, last_units_));
+  Try try_at(const std::map<std::string, double>& values) const {
+    return matched(UnitMap::changes(rung_, without_, simulate(with(values), seed_)));
   }
   /// With all frames, which the measured statistics are of.
   Try try_whole(const std::map<std::string, double>& values) const {
@@ -131,7 +131,6 @@ class MapFitter {
     tried = try_whole(fit_.values);
     if (std::abs(tried.match.log_scale) > close) {
       value = std::clamp(value * std::exp(tried.match.log_scale / exponent), amplitude.lower, amplitude.upper);
-      last_units_ = simulate(with(fit_.values), seed_);
       if (tracing()) fmt::print(stderr, "  with all frames {:.4g}\n", value);
     }
     kurtosis_ = tried.units.kurtosis;
@@ -193,9 +192,8 @@ class MapFitter {
   UnitMapFit fit_;
   int segment_ = 0;
   std::vector<double> modes_;
-  std::vector<StatVector> last_units_;  // simulated where it was tried last
-  double kurtosis_ = 3;                 // of units at the values found
-  std::vector<double> share_;           // of a ring's expected power that is the map's, there
+  double kurtosis_ = 3;        // of units at the values found
+  std::vector<double> share_;  // of a ring's expected power that is the map's, there
 };
 
 }  // namespace
