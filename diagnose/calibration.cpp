@@ -21,6 +21,7 @@ namespace {
 constexpr double near_enough = 3;  // standard deviations: so far the last step is as straight as its slopes
 constexpr double chi_95 = 3.84;
 const std::string unmoved = "nothing in this recording moves with it";
+const std::string looks_the_same = "targets that stand elsewhere look the same, and nobody knows where they stand";
 
 bool names(const std::vector<std::string>& list, const std::string& id, const std::string& parameter) {
   return std::any_of(list.begin(), list.end(), [&](const auto& n) { return n == id || n == id + "." + parameter; });
@@ -140,7 +141,7 @@ class Calibrator {
         entry.reason = rival < 0 ? "this recording says hardly anything about it"
                                  : fmt::format("only together with {}.{}", first_[rival].id, first_[rival].name);
       } else if (!poses_known_ && share_beyond_places(layout_, last_, p) < 0.1) {
-        entry.reason = "targets that stand elsewhere look the same, and nobody knows where they stand";
+        entry.reason = looks_the_same;
       } else if (parameter.circular) {
         entry.ci95 = {{entry.value - t * sd, entry.value + t * sd}};
       } else {
@@ -178,7 +179,9 @@ class Calibrator {
       CalibratedParameter& entry = entry_of(parameter.id, parameter.name);
       const EffectDeclaration& declaration = model_.find(entry.id)->declaration(catalogue_);
       const ParameterSpec* spec = declaration.parameter(entry.name);
-      if (entry.name != declaration.amplitude || !spec->neutral || entry.reason == unmoved) continue;
+      if (entry.name != declaration.amplitude || !spec->neutral || entry.reason == unmoved ||
+          entry.reason == looks_the_same)
+        continue;  // what poses would cost in chi says nothing of it
       const double neutral = *spec->neutral, strong = spec->either_sign && entry.value < 0 ? -spec->typical_high
                                                       : neutral < spec->typical_low        ? spec->typical_high
                                                                                            : spec->typical_low;
