@@ -108,12 +108,7 @@ class Walk {
     Whitened rest = mean_of(rung_.standard, simulations).mean;
     for (std::size_t i = 0; i < rest.size(); ++i) rest[i] = rung_.data[i] - rest[i];
     compress(rest);
-    double square = squares_beside_bias(experiment_.layout(), rest)[capture_];
-    if (with_bias)
-      for (const Block& block : experiment_.layout().blocks)
-        if (block.capture == capture_ && segments()[block.segment].name == "bias")
-          for (int i = block.offset; i < block.offset + block.size; ++i)
-            square += static_cast<double>(rest[i]) * rest[i];
+    double square = squares_by_capture(experiment_.layout(), rest, with_bias)[capture_];
     const auto place = values_of(motions_, offsets);
     for (std::size_t m = 0; m < motions_.size(); ++m)
       if (motions_[m].capture == capture_) square += place[m] * place[m];

@@ -54,10 +54,10 @@ double proper_score(const Layout& layout, const Rung& rung, Part part) {
   return known > 0 ? proper / known : 0;
 }
 
-std::vector<double> squares_beside_bias(const Layout& layout, const Whitened& rest) {
+std::vector<double> squares_by_capture(const Layout& layout, const Whitened& rest, bool with_bias) {
   std::vector<double> squares(layout.captures, 0);
   for (const Block& block : layout.blocks)
-    if (segments()[block.segment].name != "bias")
+    if (with_bias || segments()[block.segment].name != "bias")
       for (int i = block.offset; i < block.offset + block.size; ++i)
         squares[block.capture] += static_cast<double>(rest[i]) * rest[i];
   return squares;
@@ -66,10 +66,10 @@ std::vector<double> squares_beside_bias(const Layout& layout, const Whitened& re
 std::vector<int> captures_that_stand_out(const Layout& layout, const Rung& rung) {
   constexpr double far_out = 2;  // standard deviations of what simulations do
   constexpr double much = 30;    // of a square, beside that
-  const auto measured = squares_beside_bias(layout, rung.rest);
+  const auto measured = squares_by_capture(layout, rung.rest, false);
   std::vector<std::vector<double>> nulls(rung.nulls.size());
   parallel_for(static_cast<int>(nulls.size()),
-               [&](int k) { nulls[k] = squares_beside_bias(layout, remains_of(rung, rung.nulls[k], {}).rest); });
+               [&](int k) { nulls[k] = squares_by_capture(layout, remains_of(rung, rung.nulls[k], {}).rest, false); });
   std::vector<int> captures;
   for (int c = 0; c < layout.captures; ++c) {
     double sum = 0, square = 0;

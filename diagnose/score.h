@@ -14,8 +14,8 @@ double proper_score(const Layout& layout, const Rung& rung, Part part = Part::te
 std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
                           const std::vector<Rung>& rungs);
 
-/// Sum of squares by capture of all segments but the bias maps, by which targets are registered.
-std::vector<double> squares_beside_bias(const Layout& layout, const Whitened& rest);
+/// Sum of squares by capture: of all segments, or of all but the bias maps, by which targets are registered.
+std::vector<double> squares_by_capture(const Layout& layout, const Whitened& rest, bool with_bias);
 /// Captures whose squares beside bias are beyond two standard deviations of those of the rung's own simulations, and by
 /// more than one element's noise: worth a look, no finding.
 std::vector<int> captures_that_stand_out(const Layout& layout, const Rung& rung);
