@@ -7,16 +7,17 @@
 
 #include "diagnose/hypotheses.h"
 #include "diagnose/last_step.h"
+#include "diagnose/score.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
 
-constexpr double in_a_wrong_valley = 1.1;  // dispersion
-constexpr double far_better = 100;         // of chi: what a wrong valley costs, and roughness not
-constexpr int values = 24;                 // tried to either side
-/// Relative. A hundred steps within the range shift by a fourteenth of one, then by less.
-constexpr double spacings[] = {0.0007, 0.0002};
+constexpr double far_better = 100;  // of chi: what a wrong valley costs, and roughness not
+constexpr int values = 24;          // tried to either side
+/// Relative. A hundred steps within the range shift by a fourteenth of one, then by less, and once more: noise that is
+/// still bent hides the last of the way.
+constexpr double spacings[] = {0.0007, 0.0002, 0.0002};
 
 struct Step {
   std::string id;
@@ -50,8 +51,13 @@ void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& mo
   look.seed = options.seed + 500;
   look.place.assign(motions.size(), 0);
   look.motions = &motions;
-  if (steps.empty() || rung.dispersion < in_a_wrong_valley) return;
+  const auto unexplained = [&] {
+    return std::ranges::any_of(goodness_of_fit(experiment.layout(), rung),
+                               [](const SegmentFit& fit) { return fit.train && fit.significant(); });
+  };
+  if (steps.empty()) return;
   for (const double spacing : spacings) {
+    if (!unexplained()) return;
     const Metric metric(experiment.layout(), Part::train, motion_rows(experiment.layout(), rung.standard, motions));
     // From where targets nominally stand: about where a wrong step put them, the right one looks wrong.
     const auto chi_of = [&](const SensorModel& model) {
@@ -74,7 +80,7 @@ void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& mo
         fmt::print(stderr, "{}.{} combed: {:.5g}, then {:.5g}, chi {:.0f} less\n", step.id, step.spec->name, reached,
                    best.find(step.id)->value(step.spec->name), before - least);
     }
-    if (before - least < far_better * rung.dispersion) break;
+    if (before - least < far_better * rung.dispersion) return;
     rung = fit_rung(experiment, motions, measured, best, {}, again);
   }
 }

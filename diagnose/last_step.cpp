@@ -116,7 +116,8 @@ class Step {
       std::vector<Whitened> jacobian(n, Whitened(layout_.size, 0.f)), freed = jacobian;
       for (int p = 0; p < n; ++p) {
         if (silent(result_.jacobian[p])) continue;
-        const Whitened whole = standard.difference(changes_[p]);
+        Whitened whole = standard.difference(changes_[p]);
+        pool(layout_, standard.spread(), pooled_[p], whole);
         for (const Block& block : layout_.blocks)
           if (kept_[p][block.segment])
             std::copy_n(whole.begin() + block.offset, block.size, jacobian[p].begin() + block.offset);
@@ -175,6 +176,7 @@ class Step {
     freed_.assign(n, Whitened(layout_.size, 0.f));
     changes_.resize(n);
     kept_.resize(n);
+    pooled_.resize(n);
     SeedSlopes freed(n), curved(n);
     parallel_for(static_cast<int>(asked.size()), [&](int m) {
       const int p = asked[m];
@@ -189,6 +191,8 @@ class Step {
       for (const StatVector& change : changes)
         for (int i = 0; i < layout_.size; ++i) changes_[p][i] += change[i] / seeds;
       for (const StatVector& change : changes) each.push_back(rung_.standard.difference(change));
+      pooled_[p] = better_pooled(layout_, rung_.standard.spread(), each, least_signal);
+      for (Whitened& one : each) pool(layout_, rung_.standard.spread(), pooled_[p], one);
       // Segments in which a derivative is mostly noise are left out.
       const SeedMean whole = mean_over_seeds(layout_, each);
       for (std::size_t segment = 0; segment < whole.signal.size(); ++segment)
@@ -257,9 +261,10 @@ class Step {
   const std::vector<FitParameter>& priors_;
   const bool series_;
   const std::uint64_t seed_;
-  std::vector<Whitened> freed_;          // the jacobian, nuisances taken out
-  std::vector<StatVector> changes_;      // the jacobian in the statistics' own units, mean over the seeds
-  std::vector<std::vector<bool>> kept_;  // by parameter: segments of it that are not mostly noise
+  std::vector<Whitened> freed_;            // the jacobian, nuisances taken out
+  std::vector<StatVector> changes_;        // the jacobian in the statistics' own units, mean over the seeds
+  std::vector<std::vector<bool>> kept_;    // by parameter: segments of it that are not mostly noise
+  std::vector<std::vector<bool>> pooled_;  // by parameter: segments of it of which the maps' means are taken
   LastStep result_;
 };
 

@@ -37,6 +37,29 @@ Whitened shrunk(const Layout& layout, const SeedMean& mean, double least) {
   return result;
 }
 
+void pool(const Layout& layout, const std::vector<float>& spread, const std::vector<bool>& segments, Whitened& change) {
+  for (const Block& block : layout.blocks) {
+    if (block.rows == 1 || !segments[block.segment]) continue;
+    double sum = 0;
+    int known = 0;
+    for (int i = block.offset; i < block.offset + block.size; ++i)
+      if (spread[i] > 0) sum += change[i], ++known;
+    for (int i = block.offset; i < block.offset + block.size; ++i)
+      if (spread[i] > 0) change[i] = static_cast<float>(sum / known);
+  }
+}
+
+std::vector<bool> better_pooled(const Layout& layout, const std::vector<float>& spread,
+                                const std::vector<Whitened>& by_seed, double least) {
+  std::vector<bool> result;
+  for (const double signal : mean_over_seeds(layout, by_seed).signal) result.push_back(signal < least);
+  std::vector<Whitened> pooled = by_seed;
+  for (Whitened& one : pooled) pool(layout, spread, result, one);
+  const SeedMean mean = mean_over_seeds(layout, pooled);
+  for (std::size_t s = 0; s < result.size(); ++s) result[s] = result[s] && mean.signal[s] >= least;
+  return result;
+}
+
 Pull::Pull(const Whitened& rest) : direct_(rest), bent_(rest.size()), lost_(rest.size()) {
   uncompress(direct_);
   for (std::size_t i = 0; i < rest.size(); ++i) {

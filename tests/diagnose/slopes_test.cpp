@@ -123,6 +123,35 @@ TEST(Products, WhereTwoMakeUpForEachOtherNoiseOfOneIsNoInformation) {
   EXPECT_LT(known, 0.4 * noise) << "not the noise itself, " << noise;
 }
 
+TEST(Pooling, WhatPixelsTossForIsSaidByTheMeanOfAMap) {
+  const Layout layout = one_map();
+  std::vector<float> spread(layout.size, 1.f);
+  for (int i = 0; i < 100; ++i) spread[i] = 0;  // unknown
+  const int seeds = 2;
+  std::vector<Whitened> tossed(seeds, Whitened(layout.size, 0.f)), clear = tossed, nothing = tossed;
+  for (int k = 0; k < seeds; ++k) {
+    const RandomStream stream(70 + k);
+    for (int i = 100; i < layout.size; ++i) {
+      tossed[k][i] = stream.uniform(i) < 0.1 ? 10.f : 0.f;
+      clear[k][i] = i % 30 < 15 ? 1.f : -1.f;
+    }
+    nothing[k] = normals(layout.size, 80 + k, 1.f);
+    for (int i = 0; i < 100; ++i) nothing[k][i] = 0;
+  }
+  // Element by element 0.1 of each seed's mean square of 10 is signal; of the maps' means, chance takes 3 / sqrt(500).
+  EXPECT_LT(mean_over_seeds(layout, tossed).signal[0], 0.5);
+  const std::vector<bool> pooled = better_pooled(layout, spread, tossed, 0.5);
+  EXPECT_TRUE(pooled[0]);
+  EXPECT_FALSE(better_pooled(layout, spread, clear, 0.5)[0]) << "a pattern stays one";
+  for (int i = 100; i < layout.size; ++i) nothing[1][i] -= 2;  // their means contradict each other
+  for (int i = 100; i < layout.size; ++i) nothing[0][i] += 2;
+  EXPECT_FALSE(better_pooled(layout, spread, nothing, 0.5)[0]);
+  for (Whitened& one : tossed) pool(layout, spread, pooled, one);
+  EXPECT_EQ(tossed[0][99], 0) << "unknown";
+  EXPECT_EQ(tossed[0][100], tossed[0][599]);
+  EXPECT_NEAR(tossed[0][100], 1, 4 * 3 / std::sqrt(500.0));
+}
+
 TEST(FillUnknown, OthersFirstThenTheBlock) {
   const Layout layout = one_map();
   std::vector<StatVector> two(2, StatVector(layout.size, 2.f));
