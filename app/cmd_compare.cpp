@@ -131,6 +131,7 @@ std::vector<CaptureFidelity> compare_planes(const RecordingSet& set, const Simul
     const CaptureReader capture = set.capture(key);
     const PlaneCapture measured = measured_plane(set, capture, simulated, key);
     PlaneCapture other = measured;
+    other.name += ", as simulated";
     other.frames = simulated.stream(key);
     results[i] = compare_profiles(noise_profile(measured), noise_profile(other), key, planes[i].split == "test");
     progress.advance();

@@ -87,7 +87,7 @@ NoiseProfile noise_profile(const PlaneCapture& capture) {
   out.frames = maps.frames();
   if (out.frames == 0) throw Error("capture " + capture.name + " has no frame");
   if (pixels / out.frames < smallest_region) {
-    throw Error(fmt::format("capture {}: only {:.0f} px of the plane are measured, statistics of noise need {}",
+    throw Error(fmt::format("capture {}: only {:.0f} px of the plane have a depth, statistics of noise need {}",
                             capture.name, pixels / out.frames, smallest_region));
   }
   out.temporal = out.frames >= 2;

@@ -59,7 +59,7 @@ struct NoiseProfile {
 };
 
 /// Reads the capture's frames twice. Memory does not grow with their number. Throws Error: region and camera do not
-/// fit, fewer than 500 px measured, no frame.
+/// fit, fewer than 500 px with a depth, no frame.
 NoiseProfile noise_profile(const PlaneCapture& capture);
 
 /// Everything but images.

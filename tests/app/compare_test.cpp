@@ -123,6 +123,10 @@ TEST_F(CompareVerb, BadInputIsOneClearErrorAndNothingIsWritten) {
   refused(model + " --require " + (folder_ / "typo.yaml"), "noise_level");
   std::ofstream(folder_ / "words.yaml") << "noise_level: much\n";
   refused(model + " --require " + (folder_ / "words.yaml"), "words.yaml");
+  std::ofstream(folder_ / "infinite.yaml")
+      << "name: m\nsensor: effects\ncamera: recording\nprojector: recording\nreference_distance: recording\n"
+         "depth_scale: recording\neffects:\n  - formula: {expression: 0.1 / (x - x)}\n";
+  refused("--model " + (folder_ / "infinite.yaml"), "as simulated: only 0 px");
   std::filesystem::resize_file(folder_ / "set/test/000001/depth/000003.png", 2000);
   refused(model, "000003.png");
 }
