@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <numeric>
 #include <optional>
-#include <set>
 
 #include <fmt/format.h>
 
+#include "diagnose/choice.h"
 #include "diagnose/edge_registration.h"
 #include "diagnose/mask_fit.h"
 #include "diagnose/score.h"
@@ -16,7 +16,6 @@
 namespace binrig {
 namespace {
 
-constexpr double leaves_something = 1.05;   // dispersion
 constexpr double leaves_little = 1.3;       // dispersion up to which places and masks are looked after
 constexpr double close_behind = 0.9;        // share of the best one's gain
 constexpr double least_fall = 0.02;         // share of what is left of the held-out score
@@ -246,29 +245,17 @@ class Climb {
       return {best, std::move(next)};
     const Refined* runner_up = *second;
     Rung other = with_added(rung, *runner_up);
-    const double proper = proper_score(experiment_.layout(), next), its = proper_score(experiment_.layout(), other);
+    const auto contender = [&](const Rung& with, const Refined& beside) {
+      return Contender{with.dispersion, proper_score(experiment_.layout(), with),
+                       [&] { return left_for(beside, with, signatures); }, [&] { return unexplained(with); }};
+    };
+    const Contender first = contender(next, *runner_up), follower = contender(other, *best);
     if (tracing())
-      fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", best->effect, next.dispersion,
-                 proper, runner_up->effect, other.dispersion, its);
-    if (next.dispersion > leaves_something) {
-      if (its < proper) return {runner_up, std::move(other)};
-      return {best, std::move(next)};
-    }
-    if (other.dispersion > leaves_something) return {best, std::move(next)};
-    // Where neither leaves anything to speak of: the right one leaves nothing that the other would explain, or, if
-    // signatures do not know, fewer statistics unexplained.
-    const double left_by_best = left_for(*runner_up, next, signatures),
-                 left_by_other = left_for(*best, other, signatures);
-    if (tracing())
-      fmt::print(stderr, "  beside {} {} gains {:.1f}, beside {} {} gains {:.1f}\n", best->effect, runner_up->effect,
-                 left_by_best, runner_up->effect, best->effect, left_by_other);
-    const bool clear = std::abs(left_by_best - left_by_other) > search_options_.least_train_gain;
-    const std::size_t unexplained_by_best = clear ? 0 : unexplained(next).size(),
-                      unexplained_by_other = clear ? 0 : unexplained(other).size();
-    const bool takes_other = unexplained_by_best == unexplained_by_other ? left_by_other < left_by_best
-                                                                         : unexplained_by_other < unexplained_by_best;
-    if (takes_other) return {runner_up, std::move(other), clear ? best : nullptr};
-    return {best, std::move(next), clear ? runner_up : nullptr};
+      fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", best->effect, first.dispersion,
+                 first.proper_score, runner_up->effect, follower.dispersion, follower.proper_score);
+    const Choice choice = binrig::choose(first, follower, search_options_.least_train_gain);
+    if (choice.runner_up) return {runner_up, std::move(other), choice.clear ? best : nullptr};
+    return {best, std::move(next), choice.clear ? runner_up : nullptr};
   }
 
   /// What the signatures of a hypothesis gain of what a rung leaves, less what chance makes of them.
@@ -284,17 +271,11 @@ class Climb {
   }
 
   /// What a rung's model leaves beyond its own randomness.
-  std::set<std::pair<std::string, bool>> unexplained(const Rung& rung) const {
-    std::set<std::pair<std::string, bool>> result;
+  Leftovers unexplained(const Rung& rung) const {
+    Leftovers result;
     for (const SegmentFit& fit : goodness_of_fit(experiment_.layout(), rung))
       if (fit.significant()) result.emplace(fit.segment, fit.train);
     return result;
-  }
-
-  /// Is less left than by the model before, and nothing else?
-  bool explains(const Rung& previous, const Rung& last) const {
-    const auto before = unexplained(previous), after = unexplained(last);
-    return after.size() < before.size() && std::ranges::includes(before, after);
   }
 
   /// Puts a rung on the ladder; false, and the ladder as it was, if that makes it no better. The gain was computed with
@@ -322,7 +303,7 @@ class Climb {
       const bool falls_properly =
           proper <= proper_before - least_proper_gain && after < before + std::max(hardly_rises, least_fall * excess);
       return falls || (!unproven && (by_its_map || falls_properly)) ||
-             (best.happens_or_not && explains(previous, last));
+             (best.happens_or_not && leaves_less(unexplained(previous), unexplained(last)));
     };
     if (improves()) return true;
     // What is weak hardly bent the others: beginning anew may have cost more than it gains.

@@ -8,8 +8,9 @@
 
 namespace binrig {
 
-constexpr int fewest_frames = 2;    ///< of a capture, with which anything is fitted
-constexpr double many_missing = 8;  ///< dispersion of a model that lacks several effects: each has its turn
+constexpr int fewest_frames = 2;           ///< of a capture, with which anything is fitted
+constexpr double leaves_something = 1.05;  ///< dispersion of a model whose own randomness does not cover what is left
+constexpr double many_missing = 8;         ///< dispersion of a model that lacks several effects: each has its turn
 
 struct Rung {
   SensorModel model;

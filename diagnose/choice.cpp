@@ -1,0 +1,27 @@
+#include "diagnose/choice.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "diagnose/rung.h"
+#include "diagnose/trace.h"
+
+namespace binrig {
+
+Choice choose(const Contender& best, const Contender& runner_up, double least_gain) {
+  if (best.dispersion > leaves_something) return {.runner_up = runner_up.proper_score < best.proper_score};
+  if (runner_up.dispersion > leaves_something) return {};
+  const double left_by_best = best.left_for_other(), left_by_other = runner_up.left_for_other();
+  if (tracing()) fmt::print(stderr, "  left for the other: {:.1f}, by it {:.1f}\n", left_by_best, left_by_other);
+  if (std::abs(left_by_best - left_by_other) > least_gain) return {left_by_other < left_by_best, true};
+  const std::size_t by_best = best.unexplained().size(), by_other = runner_up.unexplained().size();
+  return {by_best == by_other ? left_by_other < left_by_best : by_other < by_best, false};
+}
+
+bool leaves_less(const Leftovers& before, const Leftovers& after) {
+  return after.size() < before.size() && std::ranges::includes(before, after);
+}
+
+}  // namespace binrig

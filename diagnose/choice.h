@@ -1,0 +1,37 @@
+// Which of two hypotheses that both prove themselves is added to a model: pure decisions, without simulations.
+#pragma once
+
+#include <functional>
+#include <set>
+#include <string>
+#include <utility>
+
+namespace binrig {
+
+/// Segments that a model leaves beyond its own randomness, and whether on train.
+using Leftovers = std::set<std::pair<std::string, bool>>;
+
+/// What is left where one of them was added and everything fitted again.
+struct Contender {
+  double dispersion = 1;
+  double proper_score = 0;
+  /// Gain that the other's signatures still have there, dispersion and what chance makes of them taken off.
+  std::function<double()> left_for_other;
+  std::function<Leftovers()> unexplained;
+};
+
+struct Choice {
+  bool runner_up = false;  ///< it is added, not the best
+  bool clear = false;      ///< beside it the other has nothing left to explain: it is no rival
+};
+
+/// The runner-up came close behind the best. Where something is left by the best, the proper score decides; where it is
+/// by the runner-up only, the best is added. Where neither leaves anything to speak of: the right one leaves nothing
+/// that the other would explain or, if what they leave each other differs by no more than `least_gain`, fewer
+/// statistics unexplained. What is not needed is not asked for.
+Choice choose(const Contender& best, const Contender& runner_up, double least_gain);
+
+/// Is less left unexplained than before, and nothing else?
+bool leaves_less(const Leftovers& before, const Leftovers& after);
+
+}  // namespace binrig

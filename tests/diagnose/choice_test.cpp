@@ -1,0 +1,69 @@
+#include "diagnose/choice.h"
+
+#include <gtest/gtest.h>
+
+namespace binrig {
+namespace {
+
+constexpr double least_gain = 16;
+
+/// Beside it the other's signatures gain `left`, and `unexplained` statistics are no randomness.
+Contender contender(double dispersion, double proper_score, double left, int unexplained) {
+  return {dispersion, proper_score, [=] { return left; },
+          [=] {
+            Leftovers result;
+            for (int k = 0; k < unexplained; ++k) result.emplace(std::string(k + 1, 's'), true);
+            return result;
+          }};
+}
+
+/// One that must not be asked what would cost time.
+Contender hurried(double dispersion, double proper_score) {
+  return {dispersion, proper_score,
+          [] {
+            ADD_FAILURE() << "asked what it leaves";
+            return 0.0;
+          },
+          [] {
+            ADD_FAILURE() << "asked what is unexplained";
+            return Leftovers{};
+          }};
+}
+
+TEST(Choose, WhereSomethingIsLeftTheProperScoreDecides) {
+  EXPECT_TRUE(choose(hurried(1.5, -2.0), hurried(1.6, -2.1), least_gain).runner_up);
+  EXPECT_FALSE(choose(hurried(1.5, -2.1), hurried(1.4, -2.0), least_gain).runner_up);
+  EXPECT_FALSE(choose(hurried(1.5, -2.1), hurried(1.4, -2.0), least_gain).clear) << "a rival all the same";
+}
+
+TEST(Choose, WhatLeavesSomethingIsNotPreferredToWhatLeavesNothing) {
+  EXPECT_FALSE(choose(hurried(1.0, -2.0), hurried(1.2, -2.5), least_gain).runner_up);
+}
+
+TEST(Choose, NearTheFloorTheRightOneLeavesNothingForTheOther) {
+  const Choice other = choose(contender(1.0, -2.5, 96, 0), contender(1.0, -2.0, -0.2, 5), least_gain);
+  EXPECT_TRUE(other.runner_up) << "whatever the scores and the number of statistics";
+  EXPECT_TRUE(other.clear);
+  const Choice best = choose(contender(1.0, -2.0, -0.2, 5), contender(1.0, -2.5, 96, 0), least_gain);
+  EXPECT_FALSE(best.runner_up);
+  EXPECT_TRUE(best.clear);
+}
+
+TEST(Choose, WhereSignaturesDoNotKnowFewerUnexplainedStatisticsDecide) {
+  EXPECT_TRUE(choose(contender(1.0, 0, 3, 2), contender(1.0, 0, 8, 1), least_gain).runner_up);
+  EXPECT_FALSE(choose(contender(1.0, 0, 8, 1), contender(1.0, 0, 3, 2), least_gain).runner_up);
+  EXPECT_FALSE(choose(contender(1.0, 0, 8, 1), contender(1.0, 0, 3, 2), least_gain).clear);
+  EXPECT_TRUE(choose(contender(1.0, 0, 8, 1), contender(1.0, 0, 3, 1), least_gain).runner_up) << "at last a hair";
+}
+
+TEST(LeavesLess, OnlyIfNothingNewIsUnexplained) {
+  const Leftovers before{{"bias", true}, {"noise", true}, {"noise", false}};
+  EXPECT_TRUE(leaves_less(before, {{"noise", true}}));
+  EXPECT_TRUE(leaves_less(before, {}));
+  EXPECT_FALSE(leaves_less(before, before));
+  EXPECT_FALSE(leaves_less(before, {{"edges", true}}));
+  EXPECT_FALSE(leaves_less(before, {{"bias", false}})) << "train and held-out captures are not the same";
+}
+
+}  // namespace
+}  // namespace binrig
