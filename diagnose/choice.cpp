@@ -9,10 +9,21 @@
 #include "diagnose/trace.h"
 
 namespace binrig {
+namespace {
+
+constexpr double told_apart = 0.1;  // dispersion: of ten thousand statistics and more, a thousand of chi
+
+}  // namespace
 
 Choice choose(const Contender& best, const Contender& runner_up, double least_gain) {
-  if (best.dispersion > leaves_something) return {.runner_up = runner_up.proper_score < best.proper_score};
-  if (runner_up.dispersion > leaves_something) return {};
+  const auto ahead = [](const Contender& winner, const Contender& loser) {
+    return winner.dispersion <= leaves_something && loser.dispersion > winner.dispersion + told_apart;
+  };
+  if (best.dispersion > leaves_something) {
+    const bool other = runner_up.proper_score < best.proper_score;
+    return {other, other && ahead(runner_up, best)};
+  }
+  if (runner_up.dispersion > leaves_something) return {false, ahead(best, runner_up)};
   const double left_by_best = best.left_for_other(), left_by_other = runner_up.left_for_other();
   if (tracing()) fmt::print(stderr, "  left for the other: {:.1f}, by it {:.1f}\n", left_by_best, left_by_other);
   if (std::abs(left_by_best - left_by_other) > least_gain) return {left_by_other < left_by_best, true};

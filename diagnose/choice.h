@@ -22,7 +22,8 @@ struct Contender {
 
 struct Choice {
   bool runner_up = false;  ///< it is added, not the best
-  bool clear = false;      ///< beside it the other has nothing left to explain: it is no rival
+  /// The other is no rival: beside this one it has nothing left to explain, or it leaves what this one does not.
+  bool clear = false;
 };
 
 /// The runner-up came close behind the best. Where something is left by the best, the proper score decides; where it is

@@ -40,6 +40,15 @@ TEST(Choose, WhatLeavesSomethingIsNotPreferredToWhatLeavesNothing) {
   EXPECT_FALSE(choose(hurried(1.0, -2.0), hurried(1.2, -2.5), least_gain).runner_up);
 }
 
+TEST(Choose, WhatLeavesFarMoreThanTheOneThatLeavesNothingIsNoRival) {
+  EXPECT_TRUE(choose(hurried(1.0, -2.0), hurried(1.35, -1.9), least_gain).clear);
+  EXPECT_FALSE(choose(hurried(1.04, -2.0), hurried(1.06, -1.9), least_gain).clear);
+  const Choice other = choose(hurried(1.35, -1.9), hurried(1.0, -2.0), least_gain);
+  EXPECT_TRUE(other.runner_up);
+  EXPECT_TRUE(other.clear);
+  EXPECT_FALSE(choose(hurried(2.5, -1.9), hurried(1.5, -2.0), least_gain).clear) << "neither explains everything";
+}
+
 TEST(Choose, NearTheFloorTheRightOneLeavesNothingForTheOther) {
   const Choice other = choose(contender(1.0, -2.5, 96, 0), contender(1.0, -2.0, -0.2, 5), least_gain);
   EXPECT_TRUE(other.runner_up) << "whatever the scores and the number of statistics";
