@@ -2,19 +2,15 @@
 #pragma once
 
 #include <functional>
-#include <set>
-#include <string>
-#include <utility>
+
+#include "diagnose/score.h"
 
 namespace binrig {
 
-/// Segments that a model leaves beyond its own randomness, and whether on train.
-using Leftovers = std::set<std::pair<std::string, bool>>;
-
 /// What is left where one of them was added and everything fitted again.
 struct Contender {
-  double dispersion = 1;
-  double proper_score = 0;
+  double dispersion = 1;    ///< of the rung; 1 = nothing
+  double proper_score = 0;  ///< an element, lower is better
   /// Gain that the other's signatures still have there, dispersion and what chance makes of them taken off.
   std::function<double()> left_for_other;
   std::function<Leftovers()> unexplained;
@@ -22,7 +18,8 @@ struct Contender {
 
 struct Choice {
   bool runner_up = false;  ///< it is added, not the best
-  /// The other is no rival: beside this one it has nothing left to explain, or it leaves what this one does not.
+  /// The other is no rival: beside this one it has nothing left to explain, or it leaves what this one does not
+  /// (a dispersion larger by 0.1, where this one's is next to 1).
   bool clear = false;
 };
 

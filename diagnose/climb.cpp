@@ -247,7 +247,8 @@ class Climb {
     Rung other = with_added(rung, *runner_up);
     const auto contender = [&](const Rung& with, const Refined& beside) {
       return Contender{with.dispersion, proper_score(experiment_.layout(), with),
-                       [&] { return left_for(beside, with, signatures); }, [&] { return unexplained(with); }};
+                       [&] { return left_for(beside, with, signatures); },
+                       [&] { return unexplained(experiment_.layout(), with); }};
     };
     const Contender first = contender(next, *runner_up), follower = contender(other, *best);
     if (tracing())
@@ -268,14 +269,6 @@ class Climb {
       if (signature.hypothesis == refined.hypothesis) its.push_back(signature), its.back().hypothesis = 0;
     return Ranking(experiment_, rung, one, its).gains(rung.rest, rung.nuisances)[0].gain / rung.dispersion -
            refined.price;
-  }
-
-  /// What a rung's model leaves beyond its own randomness.
-  Leftovers unexplained(const Rung& rung) const {
-    Leftovers result;
-    for (const SegmentFit& fit : goodness_of_fit(experiment_.layout(), rung))
-      if (fit.significant()) result.emplace(fit.segment, fit.train);
-    return result;
   }
 
   /// Puts a rung on the ladder; false, and the ladder as it was, if that makes it no better. The gain was computed with
@@ -303,7 +296,8 @@ class Climb {
       const bool falls_properly =
           proper <= proper_before - least_proper_gain && after < before + std::max(hardly_rises, least_fall * excess);
       return falls || (!unproven && (by_its_map || falls_properly)) ||
-             (best.happens_or_not && leaves_less(unexplained(previous), unexplained(last)));
+             (best.happens_or_not &&
+              leaves_less(unexplained(experiment_.layout(), previous), unexplained(experiment_.layout(), last)));
     };
     if (improves()) return true;
     // What is weak hardly bent the others: beginning anew may have cost more than it gains.

@@ -51,13 +51,12 @@ void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& mo
   look.seed = options.seed + 500;
   look.place.assign(motions.size(), 0);
   look.motions = &motions;
-  const auto unexplained = [&] {
-    return std::ranges::any_of(goodness_of_fit(experiment.layout(), rung),
-                               [](const SegmentFit& fit) { return fit.train && fit.significant(); });
+  const auto leaves_some = [&] {  // on train
+    return std::ranges::any_of(unexplained(experiment.layout(), rung), [](const auto& left) { return left.second; });
   };
   if (steps.empty()) return;
   for (const double spacing : spacings) {
-    if (!unexplained()) return;
+    if (!leaves_some()) return;
     const Metric metric(experiment.layout(), Part::train, motion_rows(experiment.layout(), rung.standard, motions));
     // From where targets nominally stand: about where a wrong step put them, the right one looks wrong.
     const auto chi_of = [&](const SensorModel& model) {

@@ -191,8 +191,7 @@ class Step {
       for (const StatVector& change : changes)
         for (int i = 0; i < layout_.size; ++i) changes_[p][i] += change[i] / seeds;
       for (const StatVector& change : changes) each.push_back(rung_.standard.difference(change));
-      pooled_[p] = better_pooled(layout_, rung_.standard.spread(), each, least_signal);
-      for (Whitened& one : each) pool(layout_, rung_.standard.spread(), pooled_[p], one);
+      pooled_[p] = pool_noisy(layout_, rung_.standard.spread(), least_signal, each);
       // Segments in which a derivative is mostly noise are left out.
       const SeedMean whole = mean_over_seeds(layout_, each);
       for (std::size_t segment = 0; segment < whole.signal.size(); ++segment)

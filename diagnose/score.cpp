@@ -180,4 +180,11 @@ std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung) 
   return result;
 }
 
+Leftovers unexplained(const Layout& layout, const Rung& rung) {
+  Leftovers result;
+  for (const SegmentFit& fit : goodness_of_fit(layout, rung))
+    if (fit.significant()) result.emplace(fit.segment, fit.train);
+  return result;
+}
+
 }  // namespace binrig

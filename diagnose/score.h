@@ -1,6 +1,10 @@
 // Scores that users see, and whether anything is left to explain.
 #pragma once
 
+#include <set>
+#include <string>
+#include <utility>
+
 #include "diagnose/diagnose.h"
 
 namespace binrig {
@@ -32,5 +36,8 @@ struct SegmentFit {
   bool significant() const;
 };
 std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung);
+/// Those that a rung's model leaves beyond its own randomness: segment, and whether on train.
+using Leftovers = std::set<std::pair<std::string, bool>>;
+Leftovers unexplained(const Layout& layout, const Rung& rung);
 
 }  // namespace binrig

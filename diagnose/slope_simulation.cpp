@@ -155,8 +155,7 @@ void SlopeSimulation::run_of(const std::vector<int>& moved) {
     std::vector<Whitened> differences = differences_of(standard_, changes);
     if (draws_map(now_.model, experiment_.forward().catalogue(), parameters_[moved[m]].id))
       for (Whitened& d : differences) forget_bias(experiment_.layout(), d);  // of the typical unit it stays where it is
-    const auto pooled = better_pooled(experiment_.layout(), standard_.spread(), differences, least_signal);
-    for (Whitened& d : differences) pool(experiment_.layout(), standard_.spread(), pooled, d);
+    pool_noisy(experiment_.layout(), standard_.spread(), least_signal, differences);
     const Whitened& mean = fit_.slopes[moved[m]] =
         shrunk(experiment_.layout(), mean_over_seeds(experiment_.layout(), differences), least_signal);
     for (Whitened& d : differences)

@@ -49,15 +49,16 @@ void pool(const Layout& layout, const std::vector<float>& spread, const std::vec
   }
 }
 
-std::vector<bool> better_pooled(const Layout& layout, const std::vector<float>& spread,
-                                const std::vector<Whitened>& by_seed, double least) {
-  std::vector<bool> result;
-  for (const double signal : mean_over_seeds(layout, by_seed).signal) result.push_back(signal < least);
+std::vector<bool> pool_noisy(const Layout& layout, const std::vector<float>& spread, double least,
+                             std::vector<Whitened>& by_seed) {
+  std::vector<bool> noisy;
+  for (const double signal : mean_over_seeds(layout, by_seed).signal) noisy.push_back(signal < least);
   std::vector<Whitened> pooled = by_seed;
-  for (Whitened& one : pooled) pool(layout, spread, result, one);
+  for (Whitened& one : pooled) pool(layout, spread, noisy, one);
   const SeedMean mean = mean_over_seeds(layout, pooled);
-  for (std::size_t s = 0; s < result.size(); ++s) result[s] = result[s] && mean.signal[s] >= least;
-  return result;
+  for (std::size_t s = 0; s < noisy.size(); ++s) noisy[s] = noisy[s] && mean.signal[s] >= least;
+  for (Whitened& one : by_seed) pool(layout, spread, noisy, one);
+  return noisy;
 }
 
 Pull::Pull(const Whitened& rest) : direct_(rest), bent_(rest.size()), lost_(rest.size()) {

@@ -22,14 +22,15 @@ SeedMean mean_over_seeds(const Layout& layout, const std::vector<Whitened>& by_s
 /// The mean, each segment times its share of signal, or 0 where that is less than `least`.
 Whitened shrunk(const Layout& layout, const SeedMean& mean, double least);
 
-/// By segment: its maps are better pooled. Where pixels toss for what they do (one in a hundred gets a tail), a map of
-/// changes is noise element by element, its share of signal less than `least`, but not in its mean. A segment that is
-/// dropped from one parameter's derivative and not from another's has the second do what the first would.
-/// `spread`: of Standard.
-std::vector<bool> better_pooled(const Layout& layout, const std::vector<float>& spread,
-                                const std::vector<Whitened>& by_seed, double least);
-/// Gives all known elements of the maps of those segments their mean, block by block.
+/// Gives all known elements of the maps of some segments (one flag a segment) their mean, block by block. `spread`: of
+/// Standard, one an element, 0 = unknown.
 void pool(const Layout& layout, const std::vector<float>& spread, const std::vector<bool>& segments, Whitened& change);
+/// Pools whitened differences, each of a seed, in segments whose maps are noise element by element, their share of
+/// signal less than `least`, but not in their mean: pixels toss for what they do (one in a hundred gets a tail).
+/// Dropped from one parameter's derivative and not from another's, such a segment would have the second do what the
+/// first should. Returns which segments were pooled.
+std::vector<bool> pool_noisy(const Layout& layout, const std::vector<float>& spread, double least,
+                             std::vector<Whitened>& by_seed);
 
 /// How chi pulls at a parameter with derivative J. Nuisances are taken out of a residual, then it is compressed: what
 /// is left, v = compress(u), changes by v' (QJ), and the nuisances' own prior by what Q took out of J. With the prior's

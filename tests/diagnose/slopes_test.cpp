@@ -140,13 +140,11 @@ TEST(Pooling, WhatPixelsTossForIsSaidByTheMeanOfAMap) {
   }
   // Element by element 0.1 of each seed's mean square of 10 is signal; of the maps' means, chance takes 3 / sqrt(500).
   EXPECT_LT(mean_over_seeds(layout, tossed).signal[0], 0.5);
-  const std::vector<bool> pooled = better_pooled(layout, spread, tossed, 0.5);
-  EXPECT_TRUE(pooled[0]);
-  EXPECT_FALSE(better_pooled(layout, spread, clear, 0.5)[0]) << "a pattern stays one";
+  EXPECT_TRUE(pool_noisy(layout, spread, 0.5, tossed)[0]);
+  EXPECT_FALSE(pool_noisy(layout, spread, 0.5, clear)[0]) << "a pattern stays one";
   for (int i = 100; i < layout.size; ++i) nothing[1][i] -= 2;  // their means contradict each other
   for (int i = 100; i < layout.size; ++i) nothing[0][i] += 2;
-  EXPECT_FALSE(better_pooled(layout, spread, nothing, 0.5)[0]);
-  for (Whitened& one : tossed) pool(layout, spread, pooled, one);
+  EXPECT_FALSE(pool_noisy(layout, spread, 0.5, nothing)[0]);
   EXPECT_EQ(tossed[0][99], 0) << "unknown";
   EXPECT_EQ(tossed[0][100], tossed[0][599]);
   EXPECT_NEAR(tossed[0][100], 1, 4 * 3 / std::sqrt(500.0));
