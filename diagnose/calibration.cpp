@@ -71,7 +71,7 @@ class Calibrator {
     poses_known_ = prior.poses_known;
     motions_ = scene_motions(experiment, start, prior);
     rung_options_.simulations = options.simulations;
-    rung_options_.pose_draws = std::max(4, options.simulations / 3);
+    rung_options_.pose_draws = options.simulations;
     rung_options_.passes = options.passes;
     rung_options_.iterations = options.iterations;
     rung_options_.scan_all_ranges = true;

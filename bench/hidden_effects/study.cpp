@@ -51,7 +51,7 @@ std::vector<Case> cases_of(const Plan& plan) {
     const auto a = static_cast<std::size_t>(dice.uniform() * names.size());
     auto b = static_cast<std::size_t>(dice.uniform() * (names.size() - 1));
     if (b >= a) ++b;
-    cases.push_back({"pair", {names.at(a), names.at(b)}, Strength::medium, static_cast<std::uint64_t>(k + 1)});
+    cases.push_back({"pair", {names.at(a), names.at(b)}, plan.strengths.front(), static_cast<std::uint64_t>(k + 1)});
   }
   for (int k = 0; k < plan.outside; ++k)
     cases.push_back({"outside",

@@ -25,7 +25,7 @@ struct Plan {
   std::vector<Strength> strengths{Strength::medium};
   int first_seed = 1;
   int seeds = 1;  ///< of each effect and strength
-  int none = 0, pairs = 0, outside = 0;
+  int none = 0, pairs = 0, outside = 0;  ///< pairs are of the first strength
 };
 /// Seed by seed, so that a part of the list says something about all effects.
 std::vector<Case> cases_of(const Plan& plan);
