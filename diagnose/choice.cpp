@@ -31,6 +31,12 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
   return {by_best == by_other ? left_by_other < left_by_best : by_other < by_best, false};
 }
 
+bool hardly_there(const EffectDeclaration& effect, double amplitude) {
+  const ParameterSpec* spec = effect.parameter(effect.amplitude);
+  return spec && effect.stronger_is_larger && spec->neutral == 0.0 &&
+         std::abs(amplitude) < 0.5 * std::min(std::abs(spec->typical_low), std::abs(spec->typical_high));
+}
+
 bool leaves_less(const Leftovers& before, const Leftovers& after) {
   return after.size() < before.size() && std::ranges::includes(before, after);
 }

@@ -3,6 +3,7 @@
 
 #include <functional>
 
+#include "core/effect_declaration.h"
 #include "diagnose/score.h"
 
 namespace binrig {
@@ -28,6 +29,10 @@ struct Choice {
 /// that the other would explain or, if what they leave each other differs by no more than `least_gain`, fewer
 /// statistics unexplained. What is not needed is not asked for.
 Choice choose(const Contender& best, const Contender& runner_up, double least_gain);
+
+/// Is an effect weaker than half of the low end of its typical range, the least that real instruments show? Never true
+/// of those whose smaller values are the stronger ones, or that are absent at another value than 0.
+bool hardly_there(const EffectDeclaration& effect, double amplitude);
 
 /// Is less left unexplained than before, and nothing else?
 bool leaves_less(const Leftovers& before, const Leftovers& after);

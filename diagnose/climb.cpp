@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "diagnose/anew.h"
 #include "diagnose/choice.h"
 #include "diagnose/edge_registration.h"
 #include "diagnose/mask_fit.h"
@@ -164,6 +165,7 @@ class Climb {
       worthy = {happening};
     else if (unproven)
       worthy = found.unproven(search_options_);
+    leave_trifles(rung, worthy);
     if (worthy.empty()) return false;
 
     auto [best, next, beaten] = choose(rung, worthy, signatures);
@@ -172,6 +174,29 @@ class Climb {
       for (const Refined* other : standing_beside(rung, *best, worthy))
         waiting_.push_back(found_as(*other, rung, found));
     return take(found_as(*best, rung, found, beaten), std::move(next), unproven) || take_waiting();
+  }
+
+  /// Takes out those that are no finding though chance does not explain them: where nothing is unexplained, one that is
+  /// weaker than any real instrument shows it stands in for the details in which model and instrument differ.
+  void leave_trifles(const Rung& rung, std::vector<const Refined*>& worthy) {
+    const auto declaration = [&](const Refined* refined) -> const EffectDeclaration& {
+      return *all_.tested[tested(*refined)].declaration;
+    };
+    const auto strength = [&](const Refined* refined) {
+      return refined->model.find(refined->id)->value(declaration(refined).amplitude);
+    };
+    const auto trifling = [&](const Refined* refined) {
+      return declaration(refined).parameter(declaration(refined).amplitude) &&
+             hardly_there(declaration(refined), strength(refined));
+    };
+    const auto first = std::ranges::find_if(worthy, trifling);
+    if (first == worthy.end() || !unexplained(experiment_.layout(), rung).empty()) return;
+    const ParameterSpec& spec = *declaration(*first).parameter(declaration(*first).amplitude);
+    climbed_.warnings.push_back(fmt::format(
+        "a trace of {} is there ({} {:.2g} {}), but less than half of what the weakest instruments show ({:.2g} {}), and "
+        "without it nothing is unexplained: it was left out",
+        (*first)->effect, spec.name, strength(*first), spec.unit, spec.typical_low, spec.unit));
+    std::erase_if(worthy, trifling);
   }
 
   /// A hypothesis that a search accepted, and what is said of it.
@@ -187,8 +212,7 @@ class Climb {
                  report_of(refined, static_cast<int>(rung.nulls.size())),
                  {refined.effect, false, refined.random_map, {}}};
     auto& [copy, report, accepted] = result;
-    for (const auto& hypothesis : all_.tested)
-      if (hypothesis.effect == refined.effect) accepted.map = hypothesis.declaration->per_unit_map;
+    accepted.map = all_.tested[tested(refined)].declaration->per_unit_map;
     for (const auto& rival : found.refined)
       if (rival.effect != refined.effect && !(beaten && rival.effect == beaten->effect) &&
           rival.test_gain > search_options_.least_test_gain &&
@@ -238,6 +262,11 @@ class Climb {
                 const std::vector<Signature>& signatures) const {
     const Refined* best = worthy[0];
     Rung next = with_added(rung, *best);
+    if (has_tone(*all_.tested[tested(*best)].declaration))
+      if (const auto left = unexplained(experiment_.layout(), next); !left.empty())
+        if (auto other = with_added_to_given(rung, *best);
+            other && unexplained(experiment_.layout(), *other).size() < left.size())
+          next = std::move(*other);
     const auto second =
         std::find_if(worthy.begin(), worthy.end(), [&](const Refined* other) { return other->effect != best->effect; });
     if (second == worthy.end() || (*second)->score() <= close_behind * best->score() ||
@@ -263,8 +292,7 @@ class Climb {
   double left_for(const Refined& refined, const Rung& rung, const std::vector<Signature>& signatures) const {
     Hypotheses one;
     std::vector<Signature> its;
-    const auto hypothesis = std::ranges::find(all_.tested, refined.effect, &Hypothesis::effect);
-    one.tested.push_back(*hypothesis);
+    one.tested.push_back(all_.tested[tested(refined)]);
     for (const Signature& signature : signatures)
       if (signature.hypothesis == refined.hypothesis) its.push_back(signature), its.back().hypothesis = 0;
     return Ranking(experiment_, rung, one, its).gains(rung.rest, rung.nuisances)[0].gain / rung.dispersion -
@@ -330,6 +358,36 @@ class Climb {
     }
   }
 
+  /// Index into all hypotheses of a refined one's.
+  std::size_t tested(const Refined& refined) const {
+    return std::ranges::find(all_.tested, refined.effect, &Hypothesis::effect) - all_.tested.begin();
+  }
+
+  /// The rung's model with its own parameters where the user put them.
+  SensorModel as_given(SensorModel model) const {
+    for (auto& instance : model.effects)
+      if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
+    return model;
+  }
+
+  /// The model's own noise may have taken the part of a ring in the spectrum, and the ring that of the noise: no slope
+  /// leads from there to where each plays its own. The rung's model as the user gave it, with the hypothesis where its
+  /// signatures about that model come nearest, everything fitted again; none if they explain nothing.
+  std::optional<Rung> with_added_to_given(const Rung& rung, const Refined& hypothesis) const {
+    const SensorModel start = as_given(rung.model);
+    Hypotheses one;
+    one.tested.push_back(all_.tested[tested(hypothesis)]);
+    SignatureBook book(experiment_, start, one, SignatureOptions{.seed = seed_ * 7001});
+    for (const bool detail : {false, true}) book.look_at({0}, detail);
+    const auto anew = look_anew(experiment_, motions_, measured_, start, one, book.signatures(), book.simulations(), -1,
+                                1, seed_ * 60);
+    if (anew.empty()) return {};
+    RungOptions options = climbed_.options;
+    options.scan_ranges_of = anew[0].id;
+    options.narrow = narrow_of(rung.fit.parameters);
+    return fit_rung(experiment_, motions_, measured_, anew[0].fit.model, {}, options);
+  }
+
   /// The rung's model with a hypothesis added, everything fitted again. What the model had before was bent to make up
   /// for what was missing: it begins anew where the user put it, or stays where it is.
   Rung with_added(const Rung& rung, const Refined& hypothesis, bool anew = true) const {
@@ -337,11 +395,8 @@ class Climb {
     options.scan_ranges_of = hypothesis.id;
     options.narrow = narrow_of(rung.fit.parameters);
     hold(hypothesis, options);
-    SensorModel start = hypothesis.model;
-    if (anew)
-      for (auto& instance : start.effects)
-        if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
-    return fit_rung(experiment_, motions_, measured_, start, anew ? std::vector<Offset>{} : rung.offsets, options);
+    return fit_rung(experiment_, motions_, measured_, anew ? as_given(hypothesis.model) : hypothesis.model,
+                    anew ? std::vector<Offset>{} : rung.offsets, options);
   }
 
   /// What is known of an effect's parameters without a fit stays.

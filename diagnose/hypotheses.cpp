@@ -47,6 +47,11 @@ std::vector<const ParameterSpec*> place_of(const EffectDeclaration& effect) {
   return place;
 }
 
+/// Each value is another trace that nothing else brings nearer.
+bool stands_for_itself(const ParameterSpec& spec) {
+  return is_discrete(spec) && spec.log_scaled && spec.typical_low > 0;
+}
+
 constexpr double overlapping = 0.3;                       // of values on a logarithmic scale
 constexpr double columns_apart = 0.32, rows_apart = 0.3;  // of a grid of places, of half the image's width
 
@@ -68,8 +73,8 @@ Hypothesis make(const EffectDeclaration& effect) {
   for (const auto& spec : effect.parameters) {
     if (&spec == amplitude || spec.kind == ParameterKind::phase || spec.typical_low == spec.typical_high) continue;
     std::vector<double> values;
-    // Where each value is another trace that nothing else brings nearer, so close that two side by side overlap.
-    const bool many = is_discrete(spec) && spec.log_scaled && spec.typical_low > 0 && !phase && place.empty();
+    // So close that two side by side overlap.
+    const bool many = stands_for_itself(spec) && !phase && place.empty();
     const int steps =
         many ? std::max(1, static_cast<int>(std::log(spec.typical_high / spec.typical_low) / overlapping)) : 1;
     for (int k = 0; k <= steps; ++k) {
@@ -183,6 +188,15 @@ Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, d
 }
 
 bool has_period(const EffectDeclaration& effect) { return wave_of(effect).period; }
+
+bool has_tone(const EffectDeclaration& effect) {
+  return place_of(effect).empty() &&
+         std::ranges::none_of(effect.parameters,
+                              [](const ParameterSpec& spec) { return spec.kind == ParameterKind::phase; }) &&
+         std::ranges::any_of(effect.parameters, [&](const ParameterSpec& spec) {
+           return spec.name != effect.amplitude && stands_for_itself(spec);
+         });
+}
 
 bool has_place(const EffectDeclaration& effect) { return !place_of(effect).empty(); }
 

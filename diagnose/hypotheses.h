@@ -51,6 +51,9 @@ struct Hypotheses {
 Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols);
 /// True if an effect has a phase and a period.
 bool has_period(const EffectDeclaration& effect);
+/// True if an effect has a parameter (no strength) of which each value is a trace of its own, without a phase that
+/// would make it a wave, and that is no place: the frequency of a ring in the spectrum.
+bool has_tone(const EffectDeclaration& effect);
 /// True if an effect has a place in the image: two parameters of either sign of which each value is another trace.
 bool has_place(const EffectDeclaration& effect);
 

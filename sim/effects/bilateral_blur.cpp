@@ -5,7 +5,8 @@
 //   g(x) = (1 - y + y^2/2)^16 for exp(-x), y = x/16 < 1; 0 beyond
 //
 // g differs from exp(-x) by at most 0.0011 and needs no exponential per pixel. Invalid pixels have no weight: OpenCV's
-// filter would mix their zeros into their neighbours.
+// filter would mix their zeros into their neighbours. Neighbours whose spatial weight is below 1e-5 are left out: each
+// would move a depth by less than 1e-5 of what they differ by.
 #include <algorithm>
 
 #include <opencv2/core.hpp>
@@ -14,6 +15,8 @@
 
 namespace binrig::effects {
 namespace {
+
+constexpr double least_weight = 1e-5;
 
 /// So far from every depth that its weight is zero; its square is finite.
 constexpr float nowhere_mm = 1e9f;
@@ -57,11 +60,15 @@ class BilateralBlur : public Run {
  public:
   explicit BilateralBlur(const EffectInstance& instance) {
     const double sigma_px = instance.value("sigma_px"), sigma_z = instance.value("sigma_z");
-    radius_ = static_cast<int>(instance.value("diameter")) / 2;
     inverse_ = static_cast<float>(1.0 / (32.0 * sigma_z * sigma_z));
-    for (int j = 0; j <= radius_; ++j)
-      for (int i = j == 0 ? 1 : -radius_; i <= radius_; ++i)
-        half_window_.push_back({j, i, static_cast<float>(std::exp(-(i * i + j * j) / (2.0 * sigma_px * sigma_px)))});
+    const int widest = static_cast<int>(instance.value("diameter")) / 2;
+    for (int j = 0; j <= widest; ++j)
+      for (int i = j == 0 ? 1 : -widest; i <= widest; ++i) {
+        const double spatial = std::exp(-(i * i + j * j) / (2.0 * sigma_px * sigma_px));
+        if (spatial < least_weight) continue;
+        half_window_.push_back({j, i, static_cast<float>(spatial)});
+        radius_ = std::max({radius_, j, std::abs(i)});
+      }
   }
 
   void apply(Layers& layers, const Channels&, const FrameInstant&) override {

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include "sim/effect.h"
+
 namespace binrig {
 namespace {
 
@@ -72,6 +74,23 @@ TEST(LeavesLess, OnlyIfNothingNewIsUnexplained) {
   EXPECT_FALSE(leaves_less(before, before));
   EXPECT_FALSE(leaves_less(before, {{"edges", true}}));
   EXPECT_FALSE(leaves_less(before, {{"bias", false}})) << "train and held-out captures are not the same";
+}
+
+TEST(HardlyThere, BelowHalfOfTheLeastThatInstrumentsShow) {
+  for (const EffectDeclaration* effect : effect_catalogue().all()) {
+    const ParameterSpec* amplitude = effect->parameter(effect->amplitude);
+    if (effect->user_defined || !amplitude) continue;
+    for (const Strength strength : {Strength::weak, Strength::medium, Strength::strong})
+      EXPECT_FALSE(hardly_there(*effect, strength_value(*effect, strength))) << effect->name;
+    if (!effect->stronger_is_larger || amplitude->neutral != 0.0) {
+      EXPECT_FALSE(hardly_there(*effect, amplitude->lower)) << effect->name;
+      continue;
+    }
+    for (const double sign : {1.0, -1.0}) {
+      EXPECT_TRUE(hardly_there(*effect, sign * 0.49 * amplitude->typical_low)) << effect->name;
+      EXPECT_FALSE(hardly_there(*effect, sign * 0.51 * amplitude->typical_low)) << effect->name;
+    }
+  }
 }
 
 }  // namespace

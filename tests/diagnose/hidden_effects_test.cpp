@@ -80,6 +80,19 @@ INSTANTIATE_TEST_SUITE_P(OfTheCatalogue, HiddenEffect,
                                            "dead_pixels", "mismatch_outliers", "frame_repeat"),
                          [](const auto& info) { return std::string(info.param); });
 
+TEST(HiddenEffects, ARingInTheSpectrumIsToldFromTheModelsOwnNoise) {
+  // Stronger than the noise that it is in: either could play the other's part.
+  const Case c{"one", {"noise_bumps"}, Strength::strong, 72};
+  const Diagnosis diagnosis = answer(c);
+  EXPECT_EQ(names(diagnosis), std::vector<std::string>{"noise_bumps"});
+  EXPECT_EQ(diagnosis.verdict, Verdict::missing_effect) << diagnosis.headline;
+  const double truth = hidden::make_truth(world().forward(), c).hidden[0].values.at("amplitude");
+  for (const auto& effect : diagnosis.improved.effects)
+    if (effect.effect == "noise_bumps") {
+      EXPECT_NEAR(effect.value("amplitude"), truth, 0.1 * truth);
+    }
+}
+
 TEST(HiddenEffects, NothingHiddenNothingNamed) {
   const Diagnosis diagnosis = answer({"none", {}, Strength::medium, 1});
   EXPECT_TRUE(names(diagnosis).empty()) << diagnosis.headline;

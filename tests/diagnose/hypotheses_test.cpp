@@ -173,5 +173,14 @@ TEST(Hypotheses, PlacesCloseByReachTheNextOnesOfTheGrid) {
   EXPECT_GT(places, 0);
 }
 
+TEST(Hypotheses, AToneIsNoWaveNoPlaceAndNoStep) {
+  for (const char* wave : {"tof_wiggling", "column_banding", "pixel_locking"})
+    EXPECT_FALSE(has_tone(find_effect(wave)->declaration)) << wave;
+  for (const char* place : {"dust", "ambient_noise"}) EXPECT_FALSE(has_tone(find_effect(place)->declaration)) << place;
+  for (const char* step : {"depth_units", "disparity_quantisation"})
+    EXPECT_FALSE(has_tone(find_effect(step)->declaration)) << step;
+  EXPECT_TRUE(has_tone(find_effect("noise_bumps")->declaration));
+}
+
 }  // namespace
 }  // namespace binrig
