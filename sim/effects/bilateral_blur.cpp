@@ -142,7 +142,7 @@ const Effect& bilateral_blur() {
        .stage = Stage::spatial,
        .formula = "bilateral filter of the depth over valid pixels",
        .citation = "Tomasi and Manduchi, Bilateral filtering for gray and color images, ICCV 1998; thesis 5.3.5",
-       .deviation = "skips invalid pixels; range weight (1 - y + y^2/2)^16, y = x/16 < 1, for exp(-x)",
+       .deviation = "skips invalid pixels; leaves out spatial weights below 1e-5; range weight (1 - y + y^2/2)^16, y = x/16 < 1, for exp(-x)",
        .parameters = {{.name = "sigma_px",
                        .unit = "px",
                        .lower = 0,
