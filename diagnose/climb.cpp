@@ -193,9 +193,9 @@ class Climb {
     if (first == worthy.end() || !unexplained(experiment_.layout(), rung).empty()) return;
     const ParameterSpec& spec = *declaration(*first).parameter(declaration(*first).amplitude);
     climbed_.warnings.push_back(fmt::format(
-        "a trace of {} is there ({} {:.2g} {}), but less than half of what the weakest instruments show ({:.2g} {}), and "
+        "a trace of {} is there ({} {:.2g}{}), but less than half of what the weakest instruments show ({:.2g}), and "
         "without it nothing is unexplained: it was left out",
-        (*first)->effect, spec.name, strength(*first), spec.unit, spec.typical_low, spec.unit));
+        (*first)->effect, spec.name, strength(*first), spec.unit == "1" ? "" : " " + spec.unit, spec.typical_low));
     std::erase_if(worthy, trifling);
   }
 
