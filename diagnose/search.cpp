@@ -10,6 +10,7 @@
 #include "core/error.h"
 #include "diagnose/anew.h"
 #include "diagnose/descent.h"
+#include "diagnose/how_often.h"
 #include "diagnose/refine.h"
 #include "diagnose/trace.h"
 #include "diagnose/unit_map_hypotheses.h"
@@ -234,43 +235,38 @@ class Search {
     result_.refined.push_back(std::move(refined));
   }
 
-  /// The rung's model with a hypothesis that happens to whole frames or not. Nothing that compares a few simulations
-  /// with the recording says how often: it happens in others of their frames. What the signatures make of recordings
-  /// in which it happens so often says it, and how far chance takes that.
+  /// The rung's model with a hypothesis that happens to whole frames or not, as often as its signatures say.
   RefinedFit given_by_signatures(int h) const {
-    constexpr int recordings = 24, rounds = 2;
+    constexpr int recordings = 24;
     const EffectDeclaration& effect = *hypotheses_.tested[h].declaration;
     const ParameterSpec& spec = *effect.parameter(effect.amplitude);
     std::map<std::string, double> values = result_.linear[h].values;
-    const double wanted = values.at(spec.name);
-    double deviation = 0;
-    for (int round = 0; round < rounds; ++round) {
-      double& value = values.at(spec.name);
-      const SensorModel model = with_effect(rung_.model, experiment_.forward().catalogue(), effect.name, values);
+    const auto with = [&](double value) {
+      values[spec.name] = value;
+      return with_effect(rung_.model, experiment_.forward().catalogue(), effect.name, values);
+    };
+    const auto found_where = [&](double value) {
+      const SensorModel model = with(value);
       std::vector<Trial> trials;
       for (int k = 0; k < recordings; ++k)
         trials.push_back({model, rung_.offsets, options_.seed + 4000 + static_cast<std::uint64_t>(k), Part::train});
-      double sum = 0, square = 0;
+      std::vector<double> found;
       for (const StatVector& recording : experiment_.simulate(trials, "refining hypotheses")) {
         const Explained explained = rung_.train.explain(rung_.standard.linear(recording));
-        const double found = ranking_.gains(explained.rest, explained.values)[h].values.at(spec.name);
-        sum += found, square += found * found;
+        found.push_back(ranking_.gains(explained.rest, explained.values)[h].values.at(spec.name));
       }
-      const double mean = sum / recordings;
-      if (mean <= 0) break;
-      deviation = std::sqrt(std::max(0.0, square / recordings - mean * mean)) * value / mean;
-      value = std::clamp(value * wanted / mean, spec.lower, spec.upper);
-      if (tracing())
-        fmt::print(stderr, "  {} {}: signatures say {:.4g} where it is so, then {:.4g} +- {:.4g}\n", effect.name,
-                   spec.name, mean, value, deviation);
-    }
+      return found;
+    };
+    const double wanted = values.at(spec.name);
+    const HowOften often = how_often(found_where, wanted, wanted, spec.lower, spec.upper);
+    values[spec.name] = often.value;
     RefinedFit result;
     result.fit.model = rung_.model;
     EffectInstance& instance = add_effect(result.fit.model, experiment_.forward().catalogue(), effect.name, values);
     result.id = instance.id;
     ParameterValue& value = instance.values[spec.name];
-    value.ci95 = {{std::clamp(value.value - 1.96 * deviation, spec.lower, spec.upper),
-                   std::clamp(value.value + 1.96 * deviation, spec.lower, spec.upper)}};
+    const auto [low, high] = often.interval(1.96);
+    value.ci95 = {{std::clamp(low, spec.lower, spec.upper), std::clamp(high, spec.lower, spec.upper)}};
     return result;
   }
 

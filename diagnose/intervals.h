@@ -1,0 +1,31 @@
+// The end of a calibration: which values of the fitted parameters the recording allows, and of which it says nothing.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "diagnose/calibration.h"
+#include "diagnose/last_step.h"
+
+namespace binrig {
+
+/// A fit whose last step is taken.
+struct LastFit {
+  const Experiment& experiment;
+  const std::vector<SceneMotion>& motions;
+  const Rung& rung;  ///< of the model before that step
+  const LastStep& last;
+  const std::vector<FitParameter>& first;  ///< priors stand where the user began
+  bool poses_known = false;                ///< where targets stand is stated
+  std::uint64_t seed = 1;
+};
+
+/// Gives `parameters` (all of `fit.first` and of `steps` must be there, without intervals) their values, and intervals or
+/// the reason why they have none; `model`, that of the last step, goes where values move. `steps`: instance and parameter
+/// of what is tried value by value where slopes know no interval.
+/// Throws what simulating throws.
+void find_intervals(const LastFit& fit, const std::vector<std::pair<std::string, const ParameterSpec*>>& steps,
+                    SensorModel& model, std::vector<CalibratedParameter>& parameters);
+
+}  // namespace binrig
