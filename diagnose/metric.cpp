@@ -30,20 +30,31 @@ Metric::Metric(const Layout& layout, Part part, const std::vector<NuisanceRow>& 
     for (int r = 0; r < n; ++r)
       group.change.row(r) = Eigen::Map<const Eigen::RowVectorXf>(rows[group.rows[r]].change.data() + group.begin,
                                                                  group.end - group.begin);
-    const Eigen::MatrixXd information =
-        (group.change * group.change.transpose()).cast<double>() + Eigen::MatrixXd::Identity(n, n);
-    group.inverse = information.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+    invert(group);
     groups_.push_back(std::move(group));
   }
   for (std::size_t r = 0; r < rows.size(); ++r)
     if (rows[r].capture < 0) {
       global_index_.push_back(static_cast<int>(r));
       global_.push_back(rows[r].change);
-      global_applied_.push_back(rows[r].change);
-      apply_local(global_applied_.back());
     }
-  const int g = static_cast<int>(global_.size());
+  const auto g = static_cast<Eigen::Index>(global_.size());
   prior_ = global_precision.size() ? global_precision : Eigen::MatrixXd::Identity(g, g).eval();
+  weigh_global();
+}
+
+void Metric::invert(Group& group) {
+  const Eigen::Index n = group.change.rows();
+  const Eigen::MatrixXd information =
+      (group.change * group.change.transpose()).cast<double>() + Eigen::MatrixXd::Identity(n, n);
+  group.inverse = information.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+}
+
+/// From the global rows and their prior, and the groups.
+void Metric::weigh_global() {
+  const int g = static_cast<int>(global_.size());
+  global_applied_ = global_;
+  for (Whitened& row : global_applied_) apply_local(row);
   posterior_ = prior_;
   for (int a = 0; a < g; ++a)
     for (int b = 0; b < g; ++b) posterior_(a, b) += dot(global_[a], global_applied_[b]);
@@ -60,6 +71,25 @@ void Metric::apply_local(Whitened& v) const {
     part -= group.change.transpose() * x.cast<float>();
   }
   v = std::move(result);
+}
+
+Metric Metric::on_scale(const std::function<Whitened(const Whitened&)>& changed,
+                        const Eigen::MatrixXd& global_precision) const {
+  Metric result = *this;
+  for (Group& group : result.groups_) {
+    for (Eigen::Index r = 0; r < group.change.rows(); ++r) {
+      Whitened row(size_, 0.f);
+      Eigen::Map<Eigen::RowVectorXf> own(row.data() + group.begin, group.end - group.begin);
+      own = group.change.row(r);
+      row = changed(row);
+      group.change.row(r) = Eigen::Map<const Eigen::RowVectorXf>(row.data() + group.begin, group.end - group.begin);
+    }
+    invert(group);
+  }
+  for (Whitened& row : result.global_) row = changed(row);
+  if (global_precision.size()) result.prior_ = global_precision;
+  result.weigh_global();
+  return result;
 }
 
 Metric Metric::with_held(const std::vector<int>& rows) const {

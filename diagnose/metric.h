@@ -3,6 +3,7 @@
 // out of y = N x + noise turns the metric W = 1 into Q = 1 - N (N'N + P)^-1 N').
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -64,6 +65,10 @@ class Metric {
                     const Eigen::VectorXd& global_centre = {}, const std::vector<Whitened>& noise = {}) const;
   /// Posterior precision of the global rows: their prior for another part of the data.
   const Eigen::MatrixXd& global_posterior() const { return posterior_; }
+  /// The same for residuals on another scale: `changed` is a linear map of every block onto itself. `global_precision`: as
+  /// that of the constructor; empty = as it is.
+  Metric on_scale(const std::function<Whitened(const Whitened&)>& changed,
+                  const Eigen::MatrixXd& global_precision = {}) const;
   /// The same with some nuisances that all captures share (rows of the list given) held at their prior's centre.
   Metric with_held(const std::vector<int>& rows) const;
   Part part() const { return part_; }
@@ -75,6 +80,8 @@ class Metric {
     Eigen::MatrixXf change;   // rows x span
     Eigen::MatrixXd inverse;  // (N N' + 1)^-1
   };
+  static void invert(Group& group);
+  void weigh_global();
   void apply_local(Whitened& v) const;
   /// Takes the nuisances' most probable values out of a residual at the prior's centre, not compressed; returns the
   /// prior's part of chi.

@@ -37,17 +37,34 @@ std::vector<double> null_squares(const Layout& layout, const Rung& rung, const W
   return mean_squares(layout, rung.standard, own.rest, own.stated, train);
 }
 
+/// As much of a rung as scores() asks of the last one, on the scale on which every element counts in units of its own
+/// spread. Where whole maps move together they say hardly anything about a model that lets them move, and one that
+/// shakes without reason would look as good as one that does not.
+Rung with_modes(const Rung& rung) {
+  Rung result;
+  result.fit = rung.fit;
+  result.standard = rung.standard;
+  result.place = rung.place;
+  const auto changed = [&](const Whitened& y) { return rung.standard.with_modes(y); };
+  result.train = rung.train.on_scale(changed);
+  result.test = rung.test.on_scale(changed, result.train.global_posterior());
+  for (std::size_t k = 0; k < rung.nulls.size(); ++k)
+    result.nulls.push_back(rung.others[k % rung.others.size()].with_modes(rung.nulls[k]));
+  return result;
+}
+
 }  // namespace
 
 double proper_score(const Layout& layout, const Rung& rung, Part part) {
   double proper = 0, known = 0;
+  // Where the targets really stood is no fault of the model: rung.rest is free of it.
+  const Whitened rest = rung.standard.with_modes(rung.rest);
   for (const auto& block : layout.blocks) {
     if (part != Part::all && block.train != (part == Part::train)) continue;
     for (int i = block.offset; i < block.offset + block.size; ++i) {
       const float s = rung.standard.spread()[i];
       if (s <= 0) continue;
-      // Where the targets really stood is no fault of the model: rung.rest is free of it.
-      proper += static_cast<double>(rung.rest[i]) * rung.rest[i] + 2 * std::log(s);
+      proper += static_cast<double>(rest[i]) * rest[i] + 2 * std::log(s);
       known += 1;
     }
   }
@@ -81,8 +98,10 @@ std::vector<int> captures_that_stand_out(const Layout& layout, const Rung& rung)
   return captures;
 }
 
-std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
+std::vector<Score> scores(const Layout& layout, const Rung& last_rung, const StatVector& data,
                           const std::vector<Rung>& rungs) {
+  const Rung shaking = last_rung.standard.has_modes() ? with_modes(last_rung) : Rung{};
+  const Rung& last = last_rung.standard.has_modes() ? shaking : last_rung;
   std::vector<double> floor(parts(), 0);
   std::vector<std::vector<double>> nulls;
   for (const auto& null : last.nulls) {
@@ -110,7 +129,8 @@ std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVect
     for (std::size_t i = 0; i < data.size(); ++i) difference[i] = data[i] - model->mean()[i];
     std::vector<double> place = rung.place;  // of the targets, which come first; parameters stand at 0
     place.resize(last.place.size(), 0);
-    const Remains remains = remains_of(last, rung.model, last.standard.difference(difference), place);
+    const Whitened y = last.standard.with_modes(last.standard.difference(difference));
+    const Remains remains = remains_of(last, rung.model, y, place);
     const auto squares = mean_squares(layout, last.standard, remains.rest, remains.test_stated, false);
     Score score;
     score.heldout = average(squares);

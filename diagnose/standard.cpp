@@ -6,6 +6,7 @@
 #include <map>
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 
 #include "core/spectrum.h"
 
@@ -21,6 +22,7 @@ FrequencyBins all_rings([](int i, int j, int rows, int cols) {
 });
 
 bool is_bias_map(const Block& block) { return segments()[block.segment].name == "bias"; }
+bool is_noise_map(const Block& block) { return segments()[block.segment].name == "noise"; }
 
 /// Filters a grid by a gain per ring of frequency.
 void filter(float* values, int rows, int cols, const std::vector<float>& gain) {
@@ -60,6 +62,7 @@ Standard::Standard(const Layout& layout, const StatVector& measured, const std::
   std::vector<double> ring_power(rings, 0), ring_count(rings, 0);
   std::map<std::size_t, Eigen::MatrixXf> own;                            // correlations by block
   std::map<std::pair<int, int>, std::pair<Eigen::MatrixXf, int>> alike;  // by segment and size: sum and count
+  CommonModes::Covariance moving_together = CommonModes::Covariance::Zero();
 
   for (std::size_t b = 0; b < layout.blocks.size(); ++b) {
     const Block& block = layout.blocks[b];
@@ -105,6 +108,16 @@ Standard::Standard(const Layout& layout, const StatVector& measured, const std::
           ring_count[ring[i]] += 1;
         }
       }
+    } else if (is_noise_map(block) && n >= 8 && known > 0.1 * block.size) {
+      std::vector<bool> counts(block.size);
+      for (int i = 0; i < block.size; ++i) counts[i] = spread_[block.offset + i] > 0;
+      const CommonModes& modes = modes_.try_emplace(b, block, counts).first->second;
+      std::vector<float> map(block.size);
+      for (int k = 0; k < n; ++k) {
+        for (int i = 0; i < block.size; ++i) map[i] = normalised(k, i);
+        const auto c = modes.coefficients(map.data()).cast<double>().eval();
+        moving_together += c * c.transpose() / (n - 1);
+      }
     } else if (block.rows == 1 && n >= 8) {
       Eigen::MatrixXf z(n, block.size);
       for (int k = 0; k < n; ++k)
@@ -131,6 +144,9 @@ Standard::Standard(const Layout& layout, const StatVector& measured, const std::
       small_[b] = factor.matrixL().solve(Eigen::MatrixXf::Identity(block.size, block.size));
   }
 
+  calm_ = CommonModes::learned_change(moving_together / std::max<double>(1, static_cast<double>(modes_.size())));
+  if (calm_.isZero()) modes_.clear();
+
   ring_gain_.assign(rings, 1.f);
   double total = 0, number = 0;
   for (int r = 0; r < rings; ++r)
@@ -150,11 +166,21 @@ void Standard::whiten(Whitened& values) const {
       filter(begin, block.rows, block.cols, ring_gain_);
       for (int i = 0; i < block.size; ++i)
         if (spread_[block.offset + i] == 0) begin[i] = 0;
+    } else if (const auto modes = modes_.find(b); modes != modes_.end()) {
+      modes->second.apply(calm_, begin);
     } else if (small_[b].size() > 0) {
       Eigen::Map<Eigen::VectorXf> v(begin, block.size);
       v = (small_[b] * v).eval();
     }
   }
+}
+
+Whitened Standard::with_modes(Whitened y) const {
+  if (!has_modes()) return y;
+  using Change = CommonModes::Change;
+  const Change back = (Change::Identity() + calm_).inverse() - Change::Identity();
+  for (const auto& [b, modes] : modes_) modes.apply(back, y.data() + layout_->blocks[b].offset);
+  return y;
 }
 
 Whitened Standard::difference(const StatVector& a) const {

@@ -1,10 +1,12 @@
 // From statistics to numbers that compare: standardised by the model's own randomness, whitened, compressed.
 #pragma once
 
+#include <map>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "diagnose/common_modes.h"
 #include "diagnose/experiment.h"
 
 namespace binrig {
@@ -31,6 +33,11 @@ class Standard {
   /// Whitened small difference of two statistics (a derivative times a step): no mean taken off, not compressed.
   Whitened difference(const StatVector& a) const;
   const StatVector& mean() const { return mean_; }
+  /// True if maps whose elements move together have been whitened for that (CommonModes).
+  bool has_modes() const { return !modes_.empty(); }
+  /// A whitened vector with these modes given back: every element in units of its own spread. What a map that moves as
+  /// a whole says is less than it seems; what is wrong with it is not.
+  Whitened with_modes(Whitened y) const;
   /// Standard deviation of each element before whitening, floor included; 0 = unknown.
   const std::vector<float>& spread() const { return spread_; }
 
@@ -42,6 +49,8 @@ class Standard {
   std::vector<float> spread_;
   std::vector<Eigen::MatrixXf> small_;  // by block: inverse Cholesky factor of the correlation; empty for maps
   std::vector<float> ring_gain_;        // of the bias maps' whitening filter, by ring of frequency
+  std::map<std::size_t, CommonModes> modes_;  // by block: of the noise maps, if they move together
+  CommonModes::Change calm_;                  // what whitens these
 };
 
 /// 8 asinh(r / 8), element by element: no single segment outvotes all others.

@@ -58,6 +58,58 @@ TEST(Standard, ItsOwnSimulationsHaveUnitVariance) {
   EXPECT_NEAR(sum / count, 1, 0.08);
 }
 
+TEST(Standard, MapsThatMoveAsWholesSayHowStrongNoiseIsOnlyOnce) {
+  // Noise maps of 12 captures that are larger or smaller as wholes, and towards one side, from recording to recording.
+  Layout layout;
+  const int noise = 1, rows = 24, cols = 32, captures = 12;
+  ASSERT_EQ(segments()[noise].name, "noise");
+  for (int c = 0; c < captures; ++c) {
+    layout.blocks.push_back({c, noise, layout.size, rows * cols, rows, cols, true});
+    layout.size += rows * cols;
+    layout.train.push_back(true);
+  }
+  layout.captures = captures;
+  const auto shaken = [&](int count, float strength, std::uint64_t key) {
+    auto result = simulations(layout, count, 1, key);
+    for (int k = 0; k < count; ++k)
+      for (int c = 0; c < captures; ++c) {
+        const auto dice = normals(2, key + 1000 * (k + 1) + 31 * c);
+        for (int i = 0; i < rows * cols; ++i)
+          result[k][layout.blocks[c].offset + i] += strength * (dice[0] + dice[1] * (i % cols) / cols);
+      }
+    return result;
+  };
+  const StatVector measured(layout.size, 0.f);
+  const auto sums = [&](const Standard& standard, const std::vector<StatVector>& recordings) {
+    double square = 0;
+    for (const auto& recording : recordings) {
+      const Whitened y = standard.linear(recording);
+      for (const Block& block : layout.blocks) {
+        double sum = 0;
+        for (int i = 0; i < block.size; ++i) sum += y[block.offset + i];
+        square += sum * sum / block.size / captures / static_cast<double>(recordings.size());
+      }
+    }
+    return square;  // 1: elements are independent
+  };
+  // 480 sums: 6.5 % from chance, 20 % from the covariance of 288 coefficients and the spread of 24 simulations.
+  EXPECT_NEAR(sums(Standard(layout, measured, shaken(24, 0.5f, 5000)), shaken(40, 0.5f, 70000)), 1, 0.3);
+  // Given back, elements are in units of their own spread.
+  const Standard shaking(layout, measured, shaken(24, 0.5f, 5000));
+  const StatVector recording = shaken(1, 0.5f, 90000)[0];
+  const Whitened back = shaking.with_modes(shaking.linear(recording));
+  for (int i = 0; i < layout.size; i += 97)
+    EXPECT_NEAR(back[i], (recording[i] - shaking.mean()[i]) / shaking.spread()[i], 1e-3) << i;
+  // What does not move together stays as it was: each element by its own spread alone.
+  const auto calm = shaken(24, 0.f, 5000);
+  const Standard standard(layout, measured, calm);
+  StatVector one(layout.size, 0.f);
+  one[5] = 1;
+  const Whitened y = standard.difference(one);
+  EXPECT_NEAR(y[5], 1 / standard.spread()[5], 1e-6);
+  EXPECT_EQ(std::count(y.begin(), y.end(), 0.f), layout.size - 1);
+}
+
 TEST(MisfitByBlocks, LinesOfAFewElementsWeighMoreThanAHairOnALargeMap) {
   const Layout layout = small_layout();
   // Train: the map at a mean square of 9, the five lines at 100. Nothing is known of the capture held out.
@@ -255,6 +307,31 @@ TEST(Metric, OneThatIsHeldIsNoNuisance) {
   EXPECT_NEAR(test_held.chi, test_without.explain(y, {}, expected.global).chi, 1e-3);
   for (int i = 0; i < layout.size; ++i) ASSERT_NEAR(held.rest[i], expected.rest[i], 1e-4);
   EXPECT_EQ(train.with_held({}).explain(y).chi, train.explain(y).chi);
+}
+
+TEST(Metric, OnAnotherScaleItIsThatOfTheRowsOnThatScale) {
+  const Layout layout = small_layout();
+  std::vector<NuisanceRow> rows{{normals(layout.size, 1), 0}, {normals(layout.size, 2), 1}, {normals(layout.size, 3), -1}};
+  const auto changed = [&](const Whitened& y) {  // every block by the sum of its elements
+    Whitened result = y;
+    for (const Block& block : layout.blocks) {
+      float sum = 0;
+      for (int i = 0; i < block.size; ++i) sum += y[block.offset + i];
+      for (int i = 0; i < block.size; ++i) result[block.offset + i] += 0.3f * sum;
+    }
+    return result;
+  };
+  auto rows_changed = rows;
+  for (NuisanceRow& row : rows_changed) row.change = changed(row.change);
+  const Metric train(layout, Part::train, rows), expected(layout, Part::train, rows_changed);
+  const Metric test(layout, Part::test, rows, train.global_posterior()),
+      test_expected(layout, Part::test, rows_changed, expected.global_posterior());
+  const Metric train_changed = train.on_scale(changed), test_changed = test.on_scale(changed, expected.global_posterior());
+  const Whitened y = normals(layout.size, 20);
+  ASSERT_GT(std::abs(train.explain(y).chi - expected.explain(y).chi), 1);
+  EXPECT_NEAR(train_changed.explain(y).chi, expected.explain(y).chi, 1e-4);
+  EXPECT_NEAR(test_changed.explain(y).chi, test_expected.explain(y).chi, 1e-4);
+  EXPECT_TRUE(train_changed.global_posterior().isApprox(expected.global_posterior(), 1e-6));
 }
 
 }  // namespace
