@@ -34,29 +34,36 @@ void store(Layers& layers, double depth_scale_mm) {
   const bool steps = depth_scale_mm > 0;
   const double per_mm = steps ? 1.0 / depth_scale_mm : 1.0;
   const float highest = static_cast<float>(steps ? 65536.0 * depth_scale_mm : std::numeric_limits<float>::max());
-  constexpr auto out_of_range = static_cast<std::uint8_t>(Reason::out_of_range);
-  constexpr auto unknown = static_cast<std::uint8_t>(Reason::unknown);
+  constexpr int out_of_range = static_cast<int>(Reason::out_of_range);
+  constexpr int unknown = static_cast<int>(Reason::unknown);
   for_rows(layers.depth_mm.size(), [&](int first, int last) {
-    std::vector<float> stored(layers.depth_mm.cols);
+    const int cols = layers.depth_mm.cols;
+    // Loops of one width each, without branches: the compiler vectorises no others.
+    std::vector<float> stored(cols);
+    std::vector<int> lost(cols);
     for (int row = first; row < last; ++row) {
       float* z = layers.depth_mm.ptr<float>(row);
       std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
-      const int cols = layers.depth_mm.cols;
       // Depths that cannot be kept become 0 here; the clamp keeps the conversion to integers defined.
       for (int col = 0; col < cols; ++col) {
-        const float clamped = z[col] > 0.f ? (z[col] < highest ? z[col] : 0.f) : 0.f;
-        if (steps) {
-          const int value = static_cast<int>(clamped * per_mm + 0.5);
+        const float positive = z[col] > 0.f ? z[col] : 0.f;
+        stored[col] = positive < highest ? positive : 0.f;
+      }
+      if (steps)
+        for (int col = 0; col < cols; ++col) {
+          const int value = static_cast<int>(stored[col] * per_mm + 0.5);
           stored[col] = static_cast<float>((value <= 65535 ? value : 0) * depth_scale_mm);
-        } else {
-          stored[col] = clamped;
         }
+      for (int col = 0; col < cols; ++col) {
+        const int why = z[col] == z[col] ? out_of_range : unknown;
+        lost[col] = stored[col] == 0.f ? why : 0;
       }
       for (int col = 0; col < cols; ++col) {
-        const std::uint8_t lost = z[col] == z[col] ? out_of_range : unknown;
-        reason[col] = reason[col] == 0 && stored[col] == 0.f ? lost : reason[col];
-        z[col] = reason[col] == 0 ? stored[col] : 0.f;
+        const auto why = static_cast<std::uint8_t>(lost[col]);
+        reason[col] = reason[col] == 0 ? why : reason[col];
       }
+      for (int col = 0; col < cols; ++col) lost[col] = reason[col];
+      for (int col = 0; col < cols; ++col) z[col] = lost[col] == 0 ? stored[col] : 0.f;
     }
   });
 }
