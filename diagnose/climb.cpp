@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-#include "diagnose/anew.h"
+#include "diagnose/adding.h"
 #include "diagnose/choice.h"
 #include "diagnose/edge_registration.h"
 #include "diagnose/mask_fit.h"
@@ -49,7 +49,8 @@ class Climb {
         all_(all),
         most_effects_(options.most_effects),
         seed_(options.seed),
-        catalogue_(experiment.forward().catalogue()) {
+        catalogue_(experiment.forward().catalogue()),
+        adding_(experiment, motions, measured, model, options.seed) {
     climbed_.options.simulations = options.simulations;
     climbed_.options.converged_far_off = 0.01;
     climbed_.options.seed = options.seed * 100000;
@@ -240,7 +241,7 @@ class Climb {
   /// Puts what was found on the ladder with its rung; false if that makes it no better.
   bool take(const Found& found, Rung next, bool unproven) {
     RungOptions options = climbed_.options;
-    hold(found.refined, options);
+    Adding::hold(found.refined, options);
     finish(next, options);
     if (!climb(found.refined, std::move(next), found.accepted.map && found.accepted.map_looks_random, unproven))
       return false;
@@ -260,7 +261,7 @@ class Climb {
       SensorModel model = rung.model;
       add_effect(model, catalogue_, found.refined.effect).values = found.refined.model.find(found.refined.id)->values;
       found.refined.model = std::move(model);
-      if (take(found, with_added(rung, found.refined), false)) return true;
+      if (take(found, adding_.to(rung, found.refined, climbed_.options), false)) return true;
     }
     return false;
   }
@@ -274,10 +275,10 @@ class Climb {
   Chosen choose(const Rung& rung, const std::vector<const Refined*>& worthy,
                 const std::vector<Signature>& signatures) const {
     const Refined* best = worthy[0];
-    Rung next = with_added(rung, *best);
+    Rung next = adding_.to(rung, *best, climbed_.options);
     if (has_tone(*all_.tested[tested(*best)].declaration))
       if (const auto left = unexplained(experiment_.layout(), next); !left.empty())
-        if (auto other = with_added_to_given(rung, *best);
+        if (auto other = adding_.to_the_given(rung, all_.tested[tested(*best)], climbed_.options);
             other && unexplained(experiment_.layout(), *other).size() < left.size())
           next = std::move(*other);
     const auto second =
@@ -286,7 +287,7 @@ class Climb {
         (rung.dispersion > many_missing && !standing_beside(rung, *best, {*second}).empty()))
       return {best, std::move(next)};
     const Refined* runner_up = *second;
-    Rung other = with_added(rung, *runner_up);
+    Rung other = adding_.to(rung, *runner_up, climbed_.options);
     const auto contender = [&](const Rung& with, const Refined& beside) {
       return Contender{with.dispersion, proper_score(experiment_.layout(), with),
                        [&] { return left_for(beside, with, signatures); },
@@ -342,7 +343,7 @@ class Climb {
     };
     if (improves()) return true;
     // What is weak hardly bent the others: beginning anew may have cost more than it gains.
-    climbed_.rungs.back() = with_added(climbed_.rungs[climbed_.rungs.size() - 2], best, false);
+    climbed_.rungs.back() = adding_.to(climbed_.rungs[climbed_.rungs.size() - 2], best, climbed_.options, false);
     if (improves()) return true;
     climbed_.warnings.push_back(
         fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "
@@ -374,49 +375,6 @@ class Climb {
   /// Index into all hypotheses of a refined one's.
   std::size_t tested(const Refined& refined) const {
     return std::ranges::find(all_.tested, refined.effect, &Hypothesis::effect) - all_.tested.begin();
-  }
-
-  /// The rung's model with its own parameters where the user put them.
-  SensorModel as_given(SensorModel model) const {
-    for (auto& instance : model.effects)
-      if (const EffectInstance* given = given_.find(instance.id)) instance.values = given->values;
-    return model;
-  }
-
-  /// The model's own noise may have taken the part of a ring in the spectrum, and the ring that of the noise: no slope
-  /// leads from there to where each plays its own. The rung's model as the user gave it, with the hypothesis where its
-  /// signatures about that model come nearest, everything fitted again; none if they explain nothing.
-  std::optional<Rung> with_added_to_given(const Rung& rung, const Refined& hypothesis) const {
-    const SensorModel start = as_given(rung.model);
-    Hypotheses one;
-    one.tested.push_back(all_.tested[tested(hypothesis)]);
-    SignatureBook book(experiment_, start, one, SignatureOptions{.seed = seed_ * 7001});
-    for (const bool detail : {false, true}) book.look_at({0}, detail);
-    const auto anew = look_anew(experiment_, motions_, measured_, start, one, book.signatures(), book.simulations(), -1,
-                                1, seed_ * 60);
-    if (anew.empty()) return {};
-    RungOptions options = climbed_.options;
-    options.scan_ranges_of = anew[0].id;
-    options.narrow = narrow_of(rung.fit.parameters);
-    return fit_rung(experiment_, motions_, measured_, anew[0].fit.model, {}, options);
-  }
-
-  /// The rung's model with a hypothesis added, everything fitted again. What the model had before was bent to make up
-  /// for what was missing: it begins anew where the user put it, or stays where it is.
-  Rung with_added(const Rung& rung, const Refined& hypothesis, bool anew = true) const {
-    RungOptions options = climbed_.options;
-    options.scan_ranges_of = hypothesis.id;
-    options.narrow = narrow_of(rung.fit.parameters);
-    hold(hypothesis, options);
-    return fit_rung(experiment_, motions_, measured_, anew ? as_given(hypothesis.model) : hypothesis.model,
-                    anew ? std::vector<Offset>{} : rung.offsets, options);
-  }
-
-  /// What is known of an effect's parameters without a fit stays.
-  static void hold(const Refined& hypothesis, RungOptions& options) {
-    if (!hypothesis.held) return;
-    for (const auto& [name, value] : hypothesis.model.find(hypothesis.id)->values)
-      if (value.ci95) options.fixed.push_back(hypothesis.id + "." + name);
   }
 
   /// Does a model miss the captures held out by so much more than the last one that no fit would bring it back?
@@ -474,6 +432,7 @@ class Climb {
   const int most_effects_;
   const std::uint64_t seed_;
   const EffectCatalogue& catalogue_;
+  const Adding adding_;
   const SearchOptions search_options_;
   std::optional<SignatureBook> book_, book_as_given_;
   std::vector<bool> looked_closely_;  // by hypothesis

@@ -413,9 +413,10 @@ class Intervals {
     for (const FitParameter& parameter : first_) {
       CalibratedParameter& entry = entry_of(parameter.id, parameter.name);
       const EffectDeclaration& declaration = declaration_of(entry.id);
-      if (!entry.determined() || entry.name != declaration.amplitude) continue;
+      if (!entry.determined()) continue;
       const ParameterSpec& spec = *declaration.parameter(entry.name);
-      const bool rough = declaration.may_clear || declaration.stage == Stage::signal_mask;
+      const bool strength = entry.name == declaration.amplitude, mask = declaration.stage == Stage::signal_mask;
+      const bool rough = (strength && (declaration.may_clear || mask)) || (mask && spec.log_scaled);
       if (!rough || spec.kind == ParameterKind::chance) continue;
       Profile profile(experiment_, motions_, rung_, last_.metric, last_.place, true, seed_ + 500);
       const double deviation = (parameter.scaled((*entry.ci95)[1]) - parameter.scaled((*entry.ci95)[0])) / 4;

@@ -1,0 +1,39 @@
+// A rung with one effect more, everything fitted again.
+#pragma once
+
+#include <optional>
+
+#include "diagnose/search.h"
+
+namespace binrig {
+
+class Adding {
+ public:
+  /// `given`: the model as the user gave it. `seed`: of signatures about it. What is given must outlive this.
+  Adding(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
+         const SensorModel& given, std::uint64_t seed)
+      : experiment_(experiment), motions_(motions), measured_(measured), given_(given), seed_(seed) {}
+
+  /// The rung's model with a hypothesis added. What the model had before was bent to make up for what was missing: it
+  /// begins `anew` where the user put it, or stays where it is. Throws what simulating throws.
+  Rung to(const Rung& rung, const Refined& hypothesis, RungOptions options, bool anew = true) const;
+
+  /// The model's own noise may have taken the part of a ring in the spectrum, and the ring that of the noise: no slope
+  /// leads from there to where each plays its own. The rung's model as the user gave it, with the hypothesis where its
+  /// signatures about that model come nearest; none if they explain nothing. Throws what simulating throws.
+  std::optional<Rung> to_the_given(const Rung& rung, const Hypothesis& hypothesis, RungOptions options) const;
+
+  /// What is known of an effect's parameters without a fit stays: puts it among the options' fixed ones.
+  static void hold(const Refined& hypothesis, RungOptions& options);
+
+ private:
+  SensorModel as_given(SensorModel model) const;
+
+  const Experiment& experiment_;
+  const std::vector<SceneMotion>& motions_;
+  const Measurement& measured_;
+  const SensorModel& given_;
+  const std::uint64_t seed_;
+};
+
+}  // namespace binrig
