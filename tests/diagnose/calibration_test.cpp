@@ -2,6 +2,8 @@
 // starts that lie elsewhere. How often intervals hold over many recordings is bench/calibrate_coverage.
 #include "diagnose/calibration.h"
 
+#include <algorithm>
+
 #include <gtest/gtest.h>
 
 #include "bench/support/small_campaign.h"
@@ -113,6 +115,47 @@ TEST(Calibration, FindsAThresholdThatMovesPixelAfterPixel) {
                  {.only = {"low_confidence.threshold"}});
   // Rows of pixels of the tilted planes lie 0.1 deg apart in incidence.
   expect_found(found, "low_confidence", "threshold", 36, 0.6);
+}
+
+TEST(Calibration, CountsFramesThatAreRepeated) {
+  // In a recording others are repeated than in any simulation of it: the more a model repeats, the worse it looks.
+  const std::string truth = "  - spectral_noise: {sigma: 0.3}\n  - frame_repeat: {probability: 0.25}\n";
+  int repeated = 0, chances = 0;
+  const SceneForwardModel& forward = campaign().forward();
+  const auto recording = bench::simulated_recording(forward, model_of(truth), bench::drawn_offsets(forward, 5), 5);
+  for (std::size_t c = 0; c < recording.size(); ++c)
+    for (std::size_t i = 1; i < recording[c].size() && forward.captures()[c].split == "train"; ++i) {
+      const cv::Mat &now = recording[c][i].depth_mm, &before = recording[c][i - 1].depth_mm;
+      repeated += std::equal(now.begin<float>(), now.end<float>(), before.begin<float>());
+      ++chances;
+    }
+  const Calibration found = calibrated(
+      truth, "  - spectral_noise: {sigma: 0.3}\n  - frame_repeat: {probability: 0.1}\n", {.fixed = {"spectral_noise"}});
+  // 10 chances: one more or less is 0.1, and which capture it happens in is worth another half.
+  EXPECT_NEAR(parameter(found, "frame_repeat", "probability").value, static_cast<double>(repeated) / chances, 0.15);
+  expect_found(found, "frame_repeat", "probability", 0.25, 0.7);
+}
+
+TEST(Calibration, FollowsTwoParametersThatMakeUpForEachOtherAlongTheirCurve) {
+  // Highlights that never reach one and a half times the scale show the amplitude over the scale, and of both no more
+  // than that neither is small: from a start that cuts highlights off, a straight line knows them to some hundredths.
+  const Calibration found =
+      calibrated("  - specular_ghost: {amplitude: -0.63, scale: 0.8}\n  - spectral_noise: {sigma: 0.3}\n",
+                 "  - specular_ghost: {amplitude: -0.3, scale: 0.38}\n  - spectral_noise: {sigma: 0.3}\n",
+                 {.fixed = {"spectral_noise"}});
+  const CalibratedParameter &amplitude = parameter(found, "specular_ghost", "amplitude"),
+                            &scale = parameter(found, "specular_ghost", "scale");
+  EXPECT_NEAR(amplitude.value / scale.value, -0.63 / 0.8, 0.15);
+  if (amplitude.determined()) {
+    EXPECT_LE((*amplitude.ci95)[0], -0.63);
+    EXPECT_GE((*amplitude.ci95)[1], -0.63);
+  } else {
+    EXPECT_NE(amplitude.reason.find("specular_ghost.scale"), std::string::npos) << amplitude.reason;
+  }
+  if (scale.determined()) {
+    EXPECT_LE((*scale.ci95)[0], 0.8);
+    EXPECT_GE((*scale.ci95)[1], 0.8);
+  }
 }
 
 TEST(Calibration, NamesWhatTheRecordingCannotDetermine) {
