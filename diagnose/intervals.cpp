@@ -273,6 +273,7 @@ class Intervals {
     bool open = false;
     for (const double end : ends) {
       SensorModel from = fits.at(middle).model;
+      int ruled_out = 0;
       for (double reach = parameter.scaled(end) - at;; reach *= growth) {
         open = open || std::abs(reach) > 4 * known;
         if (open) break;
@@ -285,7 +286,8 @@ class Intervals {
         if (tracing())
           fmt::print(stderr, "{}.{} = {:.4g}, {}.{} = {:.4g}: chi {:.1f}, may rise by {:.1f}\n", entry.id, entry.name,
                      value, other.id, other.name, from.find(other.id)->value(other.name), chi, profile.limit());
-        if (!profile.holds(value)) break;
+        ruled_out = profile.holds(value) ? 0 : ruled_out + 1;
+        if (ruled_out == 2) break;  // one alone may be a rough place
       }
     }
     if (!profile.holds(middle)) adopt(fits.at(profile.best()), p, profile.best());
