@@ -16,6 +16,7 @@ namespace binrig {
 
 namespace {
 
+constexpr int most_rounds = 60;  // a step so short that it goes on for longer leads to where nobody wants to be
 constexpr double pause_below = 4;  // data's information on a parameter, in units of its prior's, see Fit::paused
 
 /// Minimum of x'Mx/2 - b'x over |x| <= limit, element by element, by projected coordinate descent: a parameter that
@@ -290,7 +291,7 @@ void Descent::run() {
   const bool given = options_.nearby && static_cast<int>(options_.nearby->slopes.size()) == n_;
   bool stale = !given;
   if (given) fit_.slopes = options_.nearby->slopes, fit_.seed_slopes = options_.nearby->seed_slopes;
-  for (int simulated_slopes = 0;; ++fit_.rounds) {
+  for (int simulated_slopes = 0; fit_.rounds < most_rounds; ++fit_.rounds) {
     if (stale && simulated_slopes >= std::max(options_.iterations, given ? 0 : 1)) return;
     if (stale) slopes_.run(), ++simulated_slopes;
     const bool fresh = stale;

@@ -424,6 +424,8 @@ class Intervals {
       const double deviation = (parameter.scaled((*entry.ci95)[1]) - parameter.scaled((*entry.ci95)[0])) / 4;
       explore(profile, entry.id, spec, deviation, {0.5, 1, 2, 4});
       take(profile, entry.id, spec);
+      // Where nothing is ruled out, the user's value is as good as where slopes led.
+      if (!entry.determined()) entry.value = value_in(model_, entry.id, entry.name).value = entry.before;
     }
   }
 
