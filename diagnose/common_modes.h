@@ -12,7 +12,9 @@ namespace binrig {
 /// Elements of a map that move together from recording to recording: where frames shake as wholes, the few there are of a
 /// capture make its whole noise map larger or smaller, and its sides. Taken for independent, its thousand elements would
 /// say thirty times too precisely how strong noise is. Six modes (1, x, y, x^2, xy, y^2 over the image) are whitened by
-/// their covariance among simulations, where they scatter far more than independent elements make them.
+/// their covariance among simulations, where they scatter far more than independent elements make them. Everything is in
+/// units of the elements' own spread; nothing throws. Source: plain whitening of a few linear combinations by their
+/// eigenvectors; which ones, and from where on they count, is ours.
 class CommonModes {
  public:
   static constexpr int count = 6;

@@ -65,8 +65,8 @@ class Metric {
                     const Eigen::VectorXd& global_centre = {}, const std::vector<Whitened>& noise = {}) const;
   /// Posterior precision of the global rows: their prior for another part of the data.
   const Eigen::MatrixXd& global_posterior() const { return posterior_; }
-  /// The same for residuals on another scale: `changed` is a linear map of every block onto itself. `global_precision`: as
-  /// that of the constructor; empty = as it is.
+  /// The same for residuals on another scale: `changed` is a linear map of every block onto itself, from whitened vectors
+  /// of the layout's size to such. `global_precision`: as that of the constructor; empty = as it is.
   Metric on_scale(const std::function<Whitened(const Whitened&)>& changed,
                   const Eigen::MatrixXd& global_precision = {}) const;
   /// The same with some nuisances that all captures share (rows of the list given) held at their prior's centre.
