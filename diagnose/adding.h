@@ -3,7 +3,7 @@
 
 #include <optional>
 
-#include "diagnose/search.h"
+#include "diagnose/search_result.h"
 
 namespace binrig {
 

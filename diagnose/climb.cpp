@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <numeric>
 #include <optional>
-#include <ranges>
 
 #include <fmt/format.h>
 
@@ -24,7 +23,6 @@ constexpr double least_fall = 0.02;         // share of what is left of the held
 constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
 constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
 constexpr double least_proper_gain = 0.01;  // an element
-constexpr double far_ahead_on_train = 3;    // times what the best one does that proved itself on captures held out
 constexpr double far_worse = 0.5, far_worse_share = 0.02;  // of a held-out score, and of what is left of it
 
 CandidateReport report_of(const Refined& refined, int null_count) {
@@ -160,19 +158,7 @@ class Climb {
     climbed_.unconfirmed.clear();
     for (const Refined* candidate : found.unconfirmed(search_options_))
       climbed_.unconfirmed.push_back({candidate->effect, capture_name(experiment_, candidate->shown_in)});
-    auto proven = found.accepted(search_options_);
-    auto worthy = proven;
-    if (const Refined* happening = found.happening(search_options_)) {
-      worthy = {happening};
-    } else {
-      // What could not prove itself beside bent parameters is fitted with all of them, and judged by what that leaves. So
-      // is what explains far more on train than those that did: frames that shake as wholes make noise maps of the
-      // captures held out larger or smaller as wholes, which on the scale of a model that stands still counts against
-      // them.
-      for (const Refined* candidate : found.unproven(search_options_) | std::views::reverse)
-        if (proven.empty() || candidate->train_gain > far_ahead_on_train * proven[0]->train_gain)
-          worthy.insert(worthy.begin(), candidate);
-    }
+    auto proven = found.accepted(search_options_), worthy = found.worthy(search_options_);
     const bool beside_proven = !proven.empty() && worthy.size() > proven.size();
     leave_trifles(rung, worthy);
     const auto take_best_of = [&](const std::vector<const Refined*>& of) {

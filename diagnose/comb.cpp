@@ -54,7 +54,8 @@ void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& mo
   const auto leaves_some = [&] {  // on train
     return std::ranges::any_of(unexplained(experiment.layout(), rung), [](const auto& left) { return left.second; });
   };
-  if (steps.empty()) return;
+  // Where several effects are missing, what a comb meets is theirs.
+  if (steps.empty() || rung.dispersion > many_missing) return;
   for (const double spacing : spacings) {
     if (!leaves_some()) return;
     const Metric metric(experiment.layout(), Part::train, motion_rows(experiment.layout(), rung.standard, motions));

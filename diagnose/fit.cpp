@@ -66,9 +66,13 @@ class Seeker {
       const bool rough = parameter.name == declaration.amplitude && (touched <= 0.5 || declaration.may_clear);
       const bool still = touched == 0 && !parameter.circular;
       if (!rough && !still) continue;
+      std::array<bool, 2> barren{};  // what changes nothing far away changes nothing on the way there
       for (const double reach : still ? std::array{2.0, 1.0, 0.5} : std::array{0.5, 0.12, 0.03})
-        for (const double direction : {1.0, -1.0})
-          while (goes(p, direction * reach * parameter.longest)) moved = true;
+        for (const bool down : {false, true}) {
+          if (barren[down]) continue;
+          while (goes(p, (down ? -1 : 1) * reach * parameter.longest)) moved = true;
+          barren[down] = still && last_probe_changed_nothing_;
+        }
     }
     return moved;
   }
@@ -87,8 +91,10 @@ class Seeker {
     Eigen::VectorXd x = descent_.now().value;
     x[p] += by;
     x = descent_.within_bounds(x);
+    last_probe_changed_nothing_ = true;
     if (x == descent_.now().value) return false;
     FitState next = descent_.evaluate(x);
+    last_probe_changed_nothing_ = next.residual == descent_.now().residual;
     if (next.chi > descent_.now().chi - two_sigma * descent_.now().dispersion) return false;
     if (tracing()) {
       const FitParameter& parameter = descent_.parameters()[p];
@@ -117,7 +123,9 @@ class Seeker {
       fmt::print(stderr, "  {}.{} = {:.5g}: chi {:.0f} (best {:.0f})\n", id, spec.name, wanted, next.chi,
                  descent_.now().chi);
     const bool step = is_step(model().find(id)->declaration(catalogue_), spec);
-    const double gain = misfit(descent_.now(), step) - misfit(next, step);
+    double gain = misfit(descent_.now(), step) - misfit(next, step);
+    // The step of an effect that is not being sought is not left for one that explains less in all.
+    if (id != options_.scan_ranges_of) gain = std::min(gain, descent_.now().chi - next.chi);
     if (gain > worthwhile()) descent_.move_to(std::move(next));
     return gain;
   }
@@ -131,7 +139,8 @@ class Seeker {
     }
     if (!has_phase && spec.log_scaled && spec.typical_low > 0 &&
         (options_.scan_all_ranges || id == options_.scan_ranges_of))
-      return scan_range(id, spec);
+      return has_place(model().find(id)->declaration(catalogue_)) ? scan_range(id, spec, 11, 1.01)
+                                                                  : scan_range(id, spec, 21, 1.003);
     if (has_phase) return 0.1 * period_spacing(spec, value(id, spec), cols_);
     walk_octaves(id, spec);
     walk(id, spec, 0.2, 2);
@@ -139,11 +148,10 @@ class Seeker {
     return 0.003;
   }
 
-  /// Periods and steps have narrow valleys: the whole typical range, then closer and closer about the best. Returns
-  /// how close that came, relative to the value.
-  double scan_range(const std::string& id, const ParameterSpec& spec) {
-    constexpr int places = 21;  // over 5 octaves: every power of two
-    constexpr double closest = 1.003;
+  /// Periods and steps have narrow valleys (21 values over 5 octaves: every power of two), how far something reaches
+  /// about its place has a wider one: the whole typical range, then closer and closer about the best. Returns how close
+  /// that came, relative to the value.
+  double scan_range(const std::string& id, const ParameterSpec& spec, int places, double closest) {
     const double ratio = std::pow(spec.typical_high / spec.typical_low, 1.0 / (places - 1));
     // What adds chi once more to the misfit twice in a row adds more and more from there on.
     int hopeless = 0;
@@ -206,6 +214,7 @@ class Seeker {
   const Layout& layout_;
   const int cols_;
   const FitOptions& options_;
+  bool last_probe_changed_nothing_ = false;
 };
 
 }  // namespace

@@ -60,7 +60,7 @@ class Search {
     // Where poses, intrinsics or other parameters made up for what is missing, the rest says little of it.
     const bool misplaced = std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced ||
                            furthest_bent(rung_.fit) > options_.bent;
-    if ((left_ > astray || misplaced) && !first_of_many() && !result_.happening(options_) &&
+    if ((left_ > astray || misplaced) && !first_of_many() && !result_.explained_by_one(options_) && !result_.happening(options_) &&
         rung_.model.effects.size() == given_.effects.size())
       look_again();
     std::sort(result_.refined.begin(), result_.refined.end(),
@@ -349,104 +349,6 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
                     const SensorModel& given, const std::function<const SignatureBook&()>& book,
                     const SearchOptions& options) {
   return Search(experiment, motions, rung, measured, hypotheses, signatures, given, book, options).run();
-}
-
-namespace {
-
-/// Where a model bent its parameters to the train captures, those held out show better what it lacks.
-bool significant_on_train(const Refined& candidate, const SearchOptions& options) {
-  const double gate = std::max(candidate.gate, options.least_train_gain);
-  const bool held_out_show_it = candidate.train_gain - candidate.price > options.least_train_gain &&
-                                candidate.test_gain > options.beyond_doubt * gate;
-  return candidate.share > options.least_share && (candidate.train_gain - candidate.price > gate || held_out_show_it);
-}
-
-bool happens_beyond_doubt(const Refined& candidate, const SearchOptions& options) {
-  return candidate.happens_or_not && candidate.shown_on_test > 2 * options.least_test_gain &&
-         candidate.linear_gain - candidate.price > options.beyond_doubt * candidate.gate;
-}
-
-}  // namespace
-
-std::vector<const Refined*> SearchResult::accepted(const SearchOptions& options) const {
-  std::vector<const Refined*> result;
-  for (const auto& candidate : refined)
-    if (candidate.test_gain > options.least_test_gain && significant_on_train(candidate, options))
-      result.push_back(&candidate);
-  return result;
-}
-
-const Refined* SearchResult::happening(const SearchOptions& options) const {
-  const auto most = std::ranges::max_element(refined, {}, &Refined::linear_gain);
-  return most != refined.end() && happens_beyond_doubt(*most, options) ? &*most : nullptr;
-}
-
-std::vector<const Refined*> SearchResult::unproven(const SearchOptions& options) const {
-  std::vector<const Refined*> result;
-  for (const auto& candidate : refined) {
-    const bool beyond_doubt = candidate.train_gain - candidate.price > options.beyond_doubt * candidate.gate &&
-                              significant_on_train(candidate, options);
-    const bool fell_otherwise = !significant_on_train(candidate, options) && happens_beyond_doubt(candidate, options);
-    if (candidate.shown_on_test > 2 * options.least_test_gain &&
-        ((candidate.test_gain <= options.least_test_gain && beyond_doubt) || fell_otherwise))
-      result.push_back(&candidate);
-  }
-  return result;
-}
-
-std::vector<const Refined*> SearchResult::unconfirmed(const SearchOptions& options) const {
-  std::vector<const Refined*> result;
-  for (const auto& candidate : refined)
-    if (candidate.test_gain <= options.least_test_gain && candidate.shown_on_test <= 2 * options.least_test_gain &&
-        significant_on_train(candidate, options))
-      result.push_back(&candidate);
-  return result;
-}
-
-Separation separation(const Rung& rung, const Refined& a, const Refined& b) {
-  const auto inner = [&](const Whitened& x, const Whitened& y) {
-    return dot(rung.train.apply(x), y) + dot(rung.test.apply(x), y);
-  };
-  Separation result;
-  const double aa = inner(a.change, a.change), bb = inner(b.change, b.change), ab = inner(a.change, b.change);
-  result.distance2 = std::max(0.0, aa + bb - 2 * ab);
-  result.cosine = aa > 0 && bb > 0 ? ab / std::sqrt(aa * bb) : 0;
-  return result;
-}
-
-bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
-  constexpr double clearly_lost = 0.25;  // of what the better one gains
-  // Were a the truth, b would lose by D +- 2 sqrt(D), D their squared distance; were b the truth it would win by as
-  // much. The data decide unless D is within two standard deviations of nothing, or the loss is.
-  // What could not prove itself on the captures held out, where a target may stand wrong without it, is judged by those
-  // it was fitted to.
-  const auto gained = [proved = a.test_gain > 0](const Refined& one) {
-    return one.train_gain - one.price + (proved ? one.test_gain : 0);
-  };
-  const double lost = gained(a) - gained(b);
-  const Separation s = separation(rung, a, b);
-  if (tracing())
-    fmt::print(stderr, "  {} over {}: {:.1f}, squared distance {:.1f}, cosine {:.3f}\n", a.effect, b.effect, lost,
-               s.distance2, s.cosine);
-  // Fits end where depth edges happen to meet the pixels, and the one with more freedom finds the better place. Where
-  // signatures, which all stand at the same place, say the opposite, a narrow win proves nothing.
-  const bool views_disagree = b.linear_gain - b.price > a.linear_gain - a.price;
-  // And nobody simulates an effect to better than a hundredth of what it does.
-  return lost < 9 || (s.cosine > 0.9 && lost < 2 * std::sqrt(s.distance2)) ||
-         (s.cosine > 0.99 && lost < 0.01 * gained(a)) || (views_disagree && lost < clearly_lost * gained(a));
-}
-
-std::vector<const Refined*> standing_beside(const Rung& rung, const Refined& best,
-                                            const std::vector<const Refined*>& worthy) {
-  constexpr double in_common = 0.1, far_behind = 0.25;
-  std::vector<const Refined*> result{&best};
-  for (const Refined* other : worthy)
-    if (other->score() > far_behind * best.score() && std::ranges::all_of(result, [&](const Refined* taken) {
-          return taken->effect != other->effect && std::abs(separation(rung, *taken, *other).cosine) < in_common;
-        }))
-      result.push_back(other);
-  result.erase(result.begin());
-  return result;
 }
 
 }  // namespace binrig

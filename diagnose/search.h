@@ -2,81 +2,11 @@
 #pragma once
 
 #include <functional>
-#include <string>
 #include <vector>
 
-#include "diagnose/signatures.h"
+#include "diagnose/search_result.h"
 
 namespace binrig {
-
-/// A hypothesis refined by simulating with it, its nuisances marginalised.
-struct Refined {
-  int hypothesis = 0;                    ///< index
-  std::string effect, id;                ///< id of the added instance
-  SensorModel model;                     ///< the rung's model with the effect at its best parameters
-  Fit fit;                               ///< of the effect's parameters
-  double linear_gain = 0, price = 0;     ///< of chi, dispersion divided out: gain of the signatures, a null's mean gain
-  double gate = 0;                       ///< what gain less price has to exceed
-  double train_gain = 0, test_gain = 0;  ///< of chi, by simulation, dispersion divided out
-  double share = 1;                      ///< of the excess over the model's own randomness on train that train_gain is
-  PValue p;
-  bool happens_or_not = false;  ///< to whole frames, as chance has it
-  bool random_map = true;       ///< false: it draws a map of the unit, but what is fixed in the image looks like none
-  /// Its parameters are those of a map that was recognised, or what its signatures say, with intervals: no fit says
-  /// more of them.
-  bool held = false;
-  Whitened change;           ///< what it moves, all captures
-  double shown_on_test = 0;  ///< square of that on the captures held out, dispersion divided out
-  int shown_in = 0;          ///< the train capture that shows it most
-  double score() const { return train_gain - price + test_gain; }
-};
-
-struct SearchOptions {
-  int shortlist = 12;         ///< so many with the largest linear gain are simulated as they are,
-  double linear_until = 1.3;  ///< where the rung's dispersion is larger than this
-  int refine = 4;             ///< so many are fitted, and those that
-  double rival = 0.75;        ///< gain at least this share of what the best of the list does,
-  double overtakes = 0.5;     ///< where much is missing, places are looked for closely with this share of the best's
-  double hopeless = 0.3;  ///< unless they explain less than this share (half of it if they have periods or places) of
-                          ///< what the best does
-  /// Where the linear gain falls short of the gate but not of this share of it, so many are fitted, too: signatures
-  /// know few places and periods. They must then gain so many times the gate.
-  double doubtful = 0.2;
-  int doubted = 2;
-  double beyond_doubt = 2;
-  int seeds = 2;
-  std::uint64_t seed = 501;
-  double astray = 3;          ///< dispersion beyond which, whoever explains it, hypotheses are fitted anew,
-  double unexplained = 1.15;  ///< and beyond which if nobody does
-  double misplaced = 3;       ///< so does a mean square of poses or intrinsics, in stated uncertainties
-  double bent = 1;            ///< and a parameter, in standard deviations of its wide prior;
-  int anew = 2;               ///< so many;
-  double far_ahead = 5;  ///< but not where the best leaves many missing and gains so many times what the second does
-  double least_test_gain = 9;  ///< three standard deviations of an effect that is known
-  double least_train_gain = 16;
-  double least_share = 0.02;  ///< of the excess: in a large remainder, chance resemblances gain, too
-};
-
-struct SearchResult {
-  std::vector<LinearGain> linear;  ///< all hypotheses, in their order
-  std::vector<double> prices;
-  std::vector<PValue> p_values;
-  std::vector<std::vector<double>> null_gains;  ///< by hypothesis
-  double gate = 0;                              ///< gain less price beyond which hypotheses are no children of chance
-  std::vector<Refined> refined;                 ///< best first
-  /// Those that are significant on train and confirmed on test, best first.
-  std::vector<const Refined*> accepted(const SearchOptions& options) const;
-  /// What happens or not, if its signatures are beyond doubt and gain more than those of any other: beside it no fit of
-  /// another means anything, since its randomness is in neither. Null if there is none.
-  const Refined* happening(const SearchOptions& options) const;
-  /// Those that are beyond doubt on train and show on test, but explain nothing there as long as the model's other
-  /// parameters stay where they were bent to without them. And those of which the signatures are beyond doubt, but that
-  /// happen or do not, and in the recording did when in their simulations they did not: on the scale of a model in
-  /// which they never happen, that counts against them. Best first.
-  std::vector<const Refined*> unproven(const SearchOptions& options) const;
-  /// Those that are significant on train, but that the captures held out could not confirm whoever is right.
-  std::vector<const Refined*> unconfirmed(const SearchOptions& options) const;
-};
 
 /// Gains are of chi (whitened, dimensionless), those of refined hypotheses with the rung's dispersion divided out.
 /// `motions`: of scene_motions for this experiment; targets are put where each hypothesis wants them. `signatures`: of
@@ -86,20 +16,5 @@ SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>
                     const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
                     const SensorModel& given, const std::function<const SignatureBook&()>& book,
                     const SearchOptions& options);
-
-/// How far two refined hypotheses can be told apart on these captures: squared distance of what they move, and the
-/// cosine of the angle between, both with nuisances marginalised.
-struct Separation {
-  double distance2 = 0, cosine = 0;
-};
-Separation separation(const Rung& rung, const Refined& a, const Refined& b);
-/// True if the data cannot tell b from the better a: what a gains over b lies within what chance makes of two models
-/// that far apart, or is less than a quarter of what a gains where b gains more by its signatures.
-bool confounded(const Rung& rung, const Refined& a, const Refined& b);
-
-/// Those of `worthy` (best first) that move nothing that the best one moves, nor what those before them move (cosine
-/// below 0.1), and that gain a quarter of what it does: each explains its own, whichever comes first.
-std::vector<const Refined*> standing_beside(const Rung& rung, const Refined& best,
-                                            const std::vector<const Refined*>& worthy);
 
 }  // namespace binrig

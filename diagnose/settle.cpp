@@ -1,5 +1,8 @@
 #include "diagnose/settle.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include <fmt/format.h>
 
 #include "diagnose/last_step.h"
@@ -9,9 +12,9 @@
 namespace binrig {
 namespace {
 
-constexpr double near_enough = 6;  // standard deviations: chance makes half of that of a dozen parameters
+constexpr double near_enough = 6;  // standard deviations: chance makes half of that of a dozen parameters,
 constexpr int few_steps = 2, most_steps = 6;
-constexpr double worth_it = 0.001;  // of the proper score, an element: ends it,
+constexpr double worth_it = 0.001;  // of the proper score, an element: promised for less, no step is taken; it ends it,
 constexpr double far_yet = 0.01;    // and from the second step on less than this does
 
 }  // namespace
@@ -20,10 +23,17 @@ void settle_down(const Experiment& experiment, const std::vector<SceneMotion>& m
                  const RungOptions& options, Rung& rung) {
   const std::vector<FitParameter> priors = rung.fit.parameters;
   const bool series = needs_whole_series(rung.model, experiment.forward().catalogue());
+  double known = 0;  // elements, on train
+  for (const Block& block : experiment.layout().blocks)
+    if (block.train)
+      known += static_cast<double>(std::count_if(rung.rest.begin() + block.offset,
+                                                 rung.rest.begin() + block.offset + block.size,
+                                                 [](float v) { return v != 0; }));
+  const double least_length = std::max(near_enough, std::sqrt(worth_it * known));
   double share = 1;  // of a step
   for (int k = 0; k < most_steps; ++k) {
     const LastStep step = last_step(experiment, motions, rung, priors, series, options.seed);
-    if (share * step.length < near_enough) return;
+    if (share * step.length < least_length) return;
     SensorModel model = step.model;
     for (std::size_t p = 0; p < priors.size(); ++p) {
       const int i = static_cast<int>(p);

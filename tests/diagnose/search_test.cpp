@@ -1,5 +1,5 @@
 // When two refined hypotheses pass for one: by what they gain, by how alike they are, and by what signatures say.
-#include "diagnose/search.h"
+#include "diagnose/search_result.h"
 
 #include <gtest/gtest.h>
 
@@ -176,4 +176,45 @@ TEST(StandingBeside, ThoseThatMoveOtherThingsAndGainMuchInTheirOrder) {
 }
 
 }  // namespace
+
+TEST(SearchResult, WhatExplainsFarMoreOnTrainIsTriedBeforeWhatProvedItself) {
+  const SearchOptions options;
+  Refined proven;
+  proven.gate = 16;
+  proven.train_gain = 100;
+  proven.test_gain = 50;
+  Refined shaking = proven;  // makes noise maps of the captures held out larger or smaller as wholes
+  shaking.train_gain = 1.01 * options.far_ahead_on_train * proven.train_gain;
+  shaking.test_gain = -500;
+  shaking.shown_on_test = 400;
+  SearchResult found;
+  found.refined = {proven, shaking};
+  EXPECT_EQ(found.worthy(options), (std::vector<const Refined*>{&found.refined[1], &found.refined[0]}));
+
+  found.refined[1].train_gain = 0.99 * options.far_ahead_on_train * proven.train_gain;
+  EXPECT_EQ(found.worthy(options), std::vector<const Refined*>{&found.refined[0]}) << "not far enough ahead";
+  found.refined[0].test_gain = 0;
+  EXPECT_EQ(found.worthy(options), std::vector<const Refined*>{&found.refined[1]}) << "nothing proved itself";
+}
+
+TEST(SearchResult, OneExplainsItAllWhereTheOthersExplainNextToNothing) {
+  const SearchOptions options;
+  Refined most, other;
+  most.effect = "most";
+  most.share = 0.9;
+  most.train_gain = 1000;
+  other.effect = "other";
+  other.train_gain = 200;
+  SearchResult found;
+  EXPECT_FALSE(found.explained_by_one(options)) << "nothing was found";
+  found.refined = {other, most};
+  EXPECT_TRUE(found.explained_by_one(options));
+  found.refined[0].train_gain = 400;
+  EXPECT_FALSE(found.explained_by_one(options)) << "another explains much of it, too";
+  found.refined[0].effect = "most";
+  EXPECT_TRUE(found.explained_by_one(options)) << "it is the same effect, fitted twice";
+  found.refined[1].share = 0.5;
+  EXPECT_FALSE(found.explained_by_one(options)) << "half is left";
+}
+
 }  // namespace binrig

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "diagnose/diagnose.h"
-#include "diagnose/search.h"
+#include "diagnose/search_result.h"
 #include "sim/effect.h"
 
 namespace binrig {
