@@ -12,6 +12,7 @@
 #include "compare/probability.h"
 #include "diagnose/climb.h"
 #include "diagnose/last_step.h"
+#include "diagnose/profile.h"
 #include "diagnose/mask_fit.h"
 #include "diagnose/plausibility.h"
 #include "diagnose/score.h"
@@ -28,7 +29,7 @@ void fill_parameters(CandidateReport& report, const SensorModel& model, const Fi
   report.parameters.clear();
   for (const auto& parameter : fit.parameters)
     if (parameter.id == report.id) report.parameters.emplace_back(parameter, instance->values.at(parameter.name));
-  for (const auto& spec : instance->declaration(catalogue).parameters) {  // whole numbers: without interval; maps
+  for (const auto& spec : instance->declaration(catalogue).parameters) {  // whole numbers, steps, maps
     const bool listed = std::any_of(report.parameters.begin(), report.parameters.end(),
                                     [&](const auto& entry) { return entry.first.name == spec.name; });
     const ParameterValue& value = instance->values.at(spec.name);
@@ -122,6 +123,24 @@ class Findings {
     rung.model = step.model;
     rung.fit.value = step.value;
     rung.fit.half_interval = student_threshold(0.05, step.freedom) * step.covariance.diagonal().cwiseMax(0).cwiseSqrt();
+    for (const CandidateReport& candidate : diagnosis_.candidates) choose_steps(rung, step, candidate.id);
+  }
+
+  /// Whole numbers and steps of an effect that was added: no slope leads there, and their values are tried.
+  void choose_steps(Rung& rung, const LastStep& step, const std::string& id) const {
+    const EffectInstance* instance = rung.model.find(id);
+    if (!instance) return;
+    for (const ParameterSpec& spec : instance->declaration(catalogue_).parameters) {
+      if ((spec.kind != ParameterKind::integer && spec.interpolate) || instance->values.at(spec.name).ci95 ||
+          std::ranges::any_of(rung.fit.parameters,
+                              [&](const FitParameter& p) { return p.id == id && p.name == spec.name; }))
+        continue;
+      Profile profile(experiment_, motions_, rung, step.metric, step.place, false, climbed_.options.seed + 500);
+      explore_steps(profile, rung.model, id, spec);
+      ParameterValue& value = value_in(rung.model, id, spec.name);
+      value.ci95 = certain(profile, spec);
+      if (value.ci95) value.value = profile.best();
+    }
   }
 
   void report() {

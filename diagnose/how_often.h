@@ -2,9 +2,13 @@
 // happens in others of their frames.
 #pragma once
 
+#include <cstdint>
 #include <functional>
+#include <string>
 #include <utility>
 #include <vector>
+
+#include "diagnose/rung.h"
 
 namespace binrig {
 
@@ -24,5 +28,13 @@ struct HowOften {
 /// than 0) and stays within the bounds. Throws what `found_where` throws.
 HowOften how_often(const std::function<std::vector<double>(double value)>& found_where, double found, double start,
                    double lower, double upper);
+
+inline constexpr int counted_recordings = 24;  ///< simulated for each value
+
+/// How often what parameter `spec` of instance `id` (its chance to happen to a whole frame) stands for happened in the
+/// train captures, by what distinguishes recordings of `model` in which it does from others. `row`: the parameter's
+/// among the nuisances of the rung, which then may not stand in for it. Throws what simulating throws.
+HowOften count(const Experiment& experiment, const Rung& rung, const SensorModel& model, const std::string& id,
+               const ParameterSpec& spec, int row, std::uint64_t seed);
 
 }  // namespace binrig

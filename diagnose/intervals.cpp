@@ -10,7 +10,6 @@
 #include "compare/probability.h"
 #include "diagnose/how_often.h"
 #include "diagnose/profile.h"
-#include "diagnose/slopes.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
@@ -94,43 +93,15 @@ class Intervals {
     return declaration_of(parameter.id).parameter(parameter.name)->kind == ParameterKind::chance;
   }
 
-  /// How often something happens to whole frames, by what distinguishes recordings in which it does from others.
+  /// How often something happens to whole frames is counted.
   void count_chances() {
-    constexpr int recordings = 24;
-    constexpr double least_signal = 0.3;
     const int n = static_cast<int>(first_.size()), first_row = static_cast<int>(rung_.place.size()) - n;
     for (int p = 0; p < n; ++p) {
       const FitParameter& parameter = first_[p];
       if (!is_chance(parameter)) continue;
       const ParameterSpec& spec = *declaration_of(parameter.id).parameter(parameter.name);
-      const Metric others = rung_.train.with_held({first_row + p});
-      const auto simulated = [&](double value, std::uint64_t seed) {
-        SensorModel model = model_;
-        value_in(model, parameter.id, parameter.name).value = value;
-        std::vector<Trial> trials;
-        for (std::uint64_t k = 0; k < recordings; ++k)
-          trials.push_back({model, rung_.offsets, seed_ + seed + k, Part::train});
-        std::vector<Whitened> rests;
-        for (const StatVector& one : experiment_.simulate(trials, "counting what happens to whole frames"))
-          rests.push_back(others.explain(rung_.standard.linear(one), rung_.place).rest);
-        return rests;
-      };
-      const double middle = std::sqrt(spec.typical_low * spec.typical_high);
-      const std::vector<Whitened> never = simulated(spec.lower, 4000);
-      std::vector<Whitened> changes = simulated(middle, 4000);
-      for (int k = 0; k < recordings; ++k)
-        for (int i = 0; i < layout_.size; ++i) changes[k][i] -= never[k][i];
-      pool_noisy(layout_, rung_.standard.spread(), least_signal, changes);
-      const Whitened trace = shrunk(layout_, mean_over_seeds(layout_, changes), least_signal);
-      const double none = dot(trace, mean_over_seeds(layout_, never).mean);
-      const auto found_where = [&](double value) {
-        std::vector<double> found;
-        for (const Whitened& rest : simulated(value, 5000)) found.push_back(dot(trace, rest) - none);
-        return found;
-      };
-      const double found = dot(trace, others.explain(rung_.data, rung_.place).rest) - none;
-      const HowOften often = how_often(found_where, found, middle, spec.lower, spec.upper);
-      const auto [low, high] = often.interval(student_threshold(0.05, recordings - 1));
+      const HowOften often = count(experiment_, rung_, model_, parameter.id, spec, first_row + p, seed_ + 4000);
+      const auto [low, high] = often.interval(student_threshold(0.05, counted_recordings - 1));
       CalibratedParameter& entry = entry_of(parameter.id, parameter.name);
       entry.ci95.reset();
       entry.narrowing = often.scatter > 0 ? std::min(1.0, (high - low) / 4 / prior_deviation(parameter)) : 1;
@@ -343,69 +314,22 @@ class Intervals {
     return fit_model(experiment_, rung_.standard, last_.metric, rung_.data, changed, {}, rung_.offsets, quick()).chi;
   }
 
-  /// Tries values about the best one so far, near and far, until none is better, and then further out until both sides
-  /// are ruled out. Where nothing typical is ruled out on either side, that is the answer.
-  void explore(Profile& profile, const std::string& id, const ParameterSpec& spec, double unit,
-               const std::vector<double>& reaches) const {
-    constexpr int most_moves = 4, most_doublings = 6;
-    const bool logarithmic = spec.log_scaled && spec.kind != ParameterKind::integer;
-    const auto ask = [&](double from, double reach) {
-      double at = logarithmic && from > 0 ? from * std::exp(reach * unit) : from + reach * unit;
-      at = std::clamp(spec.kind == ParameterKind::integer ? std::round(at) : at, spec.lower, spec.upper);
-      SensorModel changed = model_;
-      value_in(changed, id, spec.name).value = at;
-      const double chi = profile.ask(at, changed);
-      if (tracing()) fmt::print(stderr, "{}.{} = {:.5g}: chi {:.1f}\n", id, spec.name, at, chi);
-      return at;
-    };
-    double middle = ask(model_.find(id)->value(spec.name), 0);
-    for (int moves = 0; moves < most_moves; ++moves) {
-      for (const double reach : reaches) ask(middle, reach), ask(middle, -reach);
-      if (profile.best() == middle) break;
-      middle = profile.best();
-    }
-    double reach = reaches.back();
-    for (int k = 0; k < most_doublings && (profile.open_below() || profile.open_above()); ++k) {
-      const bool below = profile.open_below(), above = profile.open_above();
-      if (below && above && k == 2) {
-        for (const double far : {spec.typical_low, spec.typical_high}) ask(far, 0);
-        break;
-      }
-      reach *= 2;
-      if (below) ask(middle, -reach);
-      if (above) ask(middle, reach);
-    }
-  }
-
   /// The best value tried, and where it lies for certain.
   void take(const Profile& profile, const std::string& id, const ParameterSpec& spec) {
     CalibratedParameter& entry = entry_of(id, spec.name);
-    if (profile.open_below() && profile.open_above()) {
-      entry.ci95.reset();
+    entry.ci95 = certain(profile, spec);
+    if (!entry.ci95) {
       entry.reason = says_nothing;
       return;
     }
     value_in(model_, id, spec.name).value = entry.value = profile.best();
-    auto [low, high] = profile.interval(spec.lower, spec.upper);
-    if (spec.kind == ParameterKind::integer) {  // the nearest that are ruled out do not belong to it
-      low = std::min(low + (profile.open_below() ? 0 : 1), entry.value);
-      high = std::max(high - (profile.open_above() ? 0 : 1), entry.value);
-    }
-    if (tracing())
-      fmt::print(stderr, "{}.{}: {:.5g} ({:.5g} .. {:.5g}), chi may rise by {:.1f}\n", id, spec.name, entry.value, low,
-                 high, profile.limit());
-    entry.ci95 = {{low, high}};
+    const auto [low, high] = *entry.ci95;
     entry.narrowing = std::min(1.0, (high - low) / std::max(std::abs(spec.typical_high - spec.typical_low), 1e-12));
   }
 
-  /// Values between which nothing moves smoothly are tried one by one: whole numbers by ones, others by factors.
   void choose_step(const std::string& id, const ParameterSpec& spec) {
     Profile profile(experiment_, motions_, rung_, last_.metric, last_.place, false, seed_ + 500);
-    const double scale = std::abs(spec.typical_high - spec.typical_low);
-    if (spec.kind == ParameterKind::integer)
-      explore(profile, id, spec, 1, {1});
-    else
-      explore(profile, id, spec, spec.log_scaled ? 0.004 : 0.004 * scale, {1, 4, 15});
+    explore_steps(profile, model_, id, spec);
     take(profile, id, spec);
   }
 
@@ -422,7 +346,7 @@ class Intervals {
       if (!rough || spec.kind == ParameterKind::chance) continue;
       Profile profile(experiment_, motions_, rung_, last_.metric, last_.place, true, seed_ + 500);
       const double deviation = (parameter.scaled((*entry.ci95)[1]) - parameter.scaled((*entry.ci95)[0])) / 4;
-      explore(profile, entry.id, spec, deviation, {0.5, 1, 2, 4});
+      explore(profile, model_, entry.id, spec, deviation, {0.5, 1, 2, 4});
       take(profile, entry.id, spec);
       // Where nothing is ruled out, the user's value is as good as where slopes led.
       if (!entry.determined()) entry.value = value_in(model_, entry.id, entry.name).value = entry.before;

@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include <fmt/format.h>
+
 #include "core/parallel.h"
 #include "diagnose/mean_of_simulations.h"
+#include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
@@ -87,6 +90,59 @@ std::pair<double, double> Profile::interval(double lower, double upper) const {
   const auto first = std::find_if(tried_.begin(), tried_.end(), holds);
   const auto beyond = std::find_if(tried_.rbegin(), tried_.rend(), holds).base();
   return {first == tried_.begin() ? lower : std::prev(first)->first, beyond == tried_.end() ? upper : beyond->first};
+}
+
+void explore(Profile& profile, const SensorModel& model, const std::string& id, const ParameterSpec& spec, double unit,
+             const std::vector<double>& reaches) {
+  constexpr int most_moves = 4, most_doublings = 6;
+  const bool logarithmic = spec.log_scaled && spec.kind != ParameterKind::integer;
+  const auto ask = [&](double from, double reach) {
+    double at = logarithmic && from > 0 ? from * std::exp(reach * unit) : from + reach * unit;
+    at = std::clamp(spec.kind == ParameterKind::integer ? std::round(at) : at, spec.lower, spec.upper);
+    SensorModel changed = model;
+    value_in(changed, id, spec.name).value = at;
+    const double chi = profile.ask(at, changed);
+    if (tracing()) fmt::print(stderr, "{}.{} = {:.5g}: chi {:.1f}\n", id, spec.name, at, chi);
+    return at;
+  };
+  double middle = ask(model.find(id)->value(spec.name), 0);
+  for (int moves = 0; moves < most_moves; ++moves) {
+    for (const double reach : reaches) ask(middle, reach), ask(middle, -reach);
+    if (profile.best() == middle) break;
+    middle = profile.best();
+  }
+  double reach = reaches.back();
+  for (int k = 0; k < most_doublings && (profile.open_below() || profile.open_above()); ++k) {
+    const bool below = profile.open_below(), above = profile.open_above();
+    if (below && above && k == 2) {
+      for (const double far : {spec.typical_low, spec.typical_high}) ask(far, 0);
+      break;
+    }
+    reach *= 2;
+    if (below) ask(middle, -reach);
+    if (above) ask(middle, reach);
+  }
+}
+
+void explore_steps(Profile& profile, const SensorModel& model, const std::string& id, const ParameterSpec& spec) {
+  const double scale = std::abs(spec.typical_high - spec.typical_low);
+  if (spec.kind == ParameterKind::integer)
+    explore(profile, model, id, spec, 1, {1});
+  else
+    explore(profile, model, id, spec, spec.log_scaled ? 0.004 : 0.004 * scale, {1, 4, 15});
+}
+
+std::optional<std::array<double, 2>> certain(const Profile& profile, const ParameterSpec& spec) {
+  if (profile.open_below() && profile.open_above()) return std::nullopt;
+  auto [low, high] = profile.interval(spec.lower, spec.upper);
+  if (spec.kind == ParameterKind::integer) {
+    low = std::min(low + (profile.open_below() ? 0 : 1), profile.best());
+    high = std::max(high - (profile.open_above() ? 0 : 1), profile.best());
+  }
+  if (tracing())
+    fmt::print(stderr, "{}: {:.5g} ({:.5g} .. {:.5g}), chi may rise by {:.1f}\n", spec.name, profile.best(), low, high,
+               profile.limit());
+  return {{low, high}};
 }
 
 }  // namespace binrig

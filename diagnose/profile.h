@@ -5,7 +5,10 @@
 // they have a limit for each value, we have one for all, that of the value the rung was simulated with.
 #pragma once
 
+#include <array>
 #include <map>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "diagnose/rung.h"
@@ -56,5 +59,16 @@ class Profile {
   std::map<double, Tried> tried_;
   double at_nulls_ = 0;
 };
+
+/// Tries values of a parameter, from the model's, about the best one so far, `reaches` times `unit` away (on its
+/// logarithm where it is declared so), until none is better, and then further out until both sides are ruled out. Where
+/// nothing typical is ruled out on either side, that is the answer. Throws what simulating throws.
+void explore(Profile& profile, const SensorModel& model, const std::string& id, const ParameterSpec& spec, double unit,
+             const std::vector<double>& reaches);
+/// The same for a parameter between whose values nothing moves smoothly: whole numbers by ones, others by factors.
+void explore_steps(Profile& profile, const SensorModel& model, const std::string& id, const ParameterSpec& spec);
+/// Where the parameter lies for certain, the whole numbers that are ruled out not included; none if neither side is
+/// ruled out.
+std::optional<std::array<double, 2>> certain(const Profile& profile, const ParameterSpec& spec);
 
 }  // namespace binrig

@@ -7,6 +7,7 @@
 
 #include "bench/hidden_effects/study.h"
 #include "core/progress.h"
+#include "diagnose/hypotheses.h"
 #include "diagnose/score.h"
 #include "diagnose/screen.h"
 #include "diagnose/unit_map.h"
@@ -61,7 +62,8 @@ class HiddenEffect : public ::testing::TestWithParam<const char*> {};
 
 TEST_P(HiddenEffect, IsNamedFirst) {
   const std::string effect = GetParam();
-  const Diagnosis diagnosis = answer({"one", {effect}, Strength::strong, 1});
+  const Case c{"one", {effect}, Strength::strong, 1};
+  const Diagnosis diagnosis = answer(c);
   ASSERT_FALSE(diagnosis.candidates.empty()) << diagnosis.headline;
   EXPECT_EQ(diagnosis.candidates[0].effect, effect) << diagnosis.headline;
   const EffectDeclaration& declaration = find_effect(effect)->declaration;
@@ -72,6 +74,15 @@ TEST_P(HiddenEffect, IsNamedFirst) {
   } else if (!declaration.per_unit_map) {
     // Scores are of a typical unit: they know nothing of a map, which was recognised on the captures held out.
     EXPECT_LT(after.heldout, before.heldout);
+  }
+  // Values on either side of a step are ruled out one by one, however many recordings are asked.
+  if (const ParameterSpec& step = *declaration.parameter(declaration.amplitude); is_step(declaration, step)) {
+    const double truth = hidden::make_truth(world().forward(), c).hidden[0].values.at(step.name);
+    const auto& ci95 = diagnosis.improved.find(diagnosis.candidates[0].id)->values.at(step.name).ci95;
+    ASSERT_TRUE(ci95);
+    EXPECT_LE((*ci95)[0], truth);
+    EXPECT_GE((*ci95)[1], truth);
+    EXPECT_LT((*ci95)[1] - (*ci95)[0], 0.02 * truth);
   }
 }
 
