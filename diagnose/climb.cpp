@@ -23,6 +23,7 @@ constexpr double least_fall = 0.02;         // share of what is left of the held
 constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
 constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
 constexpr double least_proper_gain = 0.01;  // an element
+constexpr double hardly_worse = 0.0025;     // by less, the scatter of its own simulations moves the proper score
 constexpr double far_worse = 0.5, far_worse_share = 0.02;  // of a held-out score, and of what is left of it
 
 CandidateReport report_of(const Refined& refined, int null_count) {
@@ -318,8 +319,11 @@ class Climb {
         fmt::print(stderr, "  {} added: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", best.effect, before,
                    after, proper_before, proper);
       const double excess = std::max(0.0, before - 1);
-      // Below the floor chance moves the held-out score up and down; what the proper one gets worse by counts there.
-      const bool gets_worse = excess == 0 && proper >= proper_before + least_proper_gain;
+      // Below the floor chance moves the held-out score up and down; what the proper one gets worse by counts there,
+      // and sooner where nothing was unexplained.
+      const bool gets_worse =
+          (excess == 0 && proper >= proper_before + least_proper_gain) ||
+          (proper >= proper_before + hardly_worse && unexplained(experiment_.layout(), previous).empty());
       const bool falls = !gets_worse && after <= before - (unproven ? unproven_fall : least_fall) * excess;
       const bool falls_properly =
           proper <= proper_before - least_proper_gain && after < before + std::max(hardly_rises, least_fall * excess);

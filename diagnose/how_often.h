@@ -14,8 +14,8 @@ namespace binrig {
 
 struct HowOften {
   double value = 0;
-  /// Variance of what is found, over the value: what is counted scatters by the root of how often it happens. 0: nothing
-  /// was found where it does happen, and the value is the one begun with.
+  /// Variance of what is found, over the value: what is counted scatters by the root of how often it happens. 0:
+  /// nothing was found where it does happen, and the value is the one begun with.
   double scatter = 0;
   double deviation() const;  ///< of the value
   /// Values that `t` of their own deviations reach from to this one (Wilson, Probable inference, the law of succession,
@@ -23,9 +23,9 @@ struct HowOften {
   std::pair<double, double> interval(double t) const;
 };
 
-/// `found_where`: what some measure of it, proportional to how often it happens but for a factor, finds in some (at least
-/// 2) simulated recordings in which it does so by the given value; `found`: in the recording. Begins at `start` (more
-/// than 0) and stays within the bounds. Throws what `found_where` throws.
+/// `found_where`: what some measure of it, proportional to how often it happens but for a factor, finds in some (at
+/// least 2) simulated recordings in which it does so by the given value; `found`: in the recording. Begins at `start`
+/// (more than 0) and stays within the bounds. Throws what `found_where` throws.
 HowOften how_often(const std::function<std::vector<double>(double value)>& found_where, double found, double start,
                    double lower, double upper);
 

@@ -77,8 +77,8 @@ class Intervals {
               std::abs(last_.covariance(p, q)) / std::sqrt(last_.covariance(p, p) * last_.covariance(q, q));
           if (q != p && c > closest) closest = c, rival = q;
         }
-        entry.reason = rival < 0 ? says_nothing
-                                 : fmt::format("only together with {}.{}", first_[rival].id, first_[rival].name);
+        entry.reason =
+            rival < 0 ? says_nothing : fmt::format("only together with {}.{}", first_[rival].id, first_[rival].name);
       } else if (!poses_known_ && share_beyond_places(layout_, last_, p) < 0.1) {
         entry.reason = looks_the_same;
       } else if (parameter.circular) {
@@ -210,10 +210,10 @@ class Intervals {
     return closest;
   }
 
-  /// Two parameters that make up for each other do so along a curve, and slopes see it straight. Where a strength has such
-  /// a partner, the ends of its interval are moved out until they are ruled out, each fit of the others starting where the
-  /// last one ended; what these become on the way belongs to their intervals. Where nothing rules it out before its prior
-  /// does, the two are only known together.
+  /// Two parameters that make up for each other do so along a curve, and slopes see it straight. Where a strength has
+  /// such a partner, the ends of its interval are moved out until they are ruled out, each fit of the others starting
+  /// where the last one ended; what these become on the way belongs to their intervals. Where nothing rules it out
+  /// before its prior does, the two are only known together.
   void follow_ridges() {
     constexpr double ridge = 0.8;  // correlation
     std::set<int> followed;

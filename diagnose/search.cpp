@@ -60,8 +60,8 @@ class Search {
     // Where poses, intrinsics or other parameters made up for what is missing, the rest says little of it.
     const bool misplaced = std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced ||
                            furthest_bent(rung_.fit) > options_.bent;
-    if ((left_ > astray || misplaced) && !first_of_many() && !result_.explained_by_one(options_) && !result_.happening(options_) &&
-        rung_.model.effects.size() == given_.effects.size())
+    if ((left_ > astray || misplaced) && !first_of_many() && !result_.explained_by_one(options_) &&
+        !result_.happening(options_) && rung_.model.effects.size() == given_.effects.size())
       look_again();
     std::sort(result_.refined.begin(), result_.refined.end(),
               [](const Refined& a, const Refined& b) { return a.score() > b.score(); });

@@ -55,7 +55,7 @@ struct SearchOptions {
   double far_ahead = 5;  ///< but not where the best leaves many missing and gains so many times what the second does,
   double nearly_all = 0.75, next_to_nothing = 0.3;  ///< or explains so much of the excess and others so little of that
   double far_ahead_on_train = 3;  ///< what did not prove itself is tried where it gains so many times what did on train
-  double least_test_gain = 9;  ///< three standard deviations of an effect that is known
+  double least_test_gain = 9;     ///< three standard deviations of an effect that is known
   double least_train_gain = 16;
   double least_share = 0.02;  ///< of the excess: in a large remainder, chance resemblances gain, too
 };
@@ -81,8 +81,8 @@ struct SearchResult {
   std::vector<const Refined*> unconfirmed(const SearchOptions& options) const;
   /// Those that are worth being put into the model, best first: what happens or not if that is beyond doubt, else those
   /// accepted. Before them those unproven, all if none proved itself, else only those that explain far more on train
-  /// than the best that did: frames that shake as wholes make noise maps of the captures held out larger or smaller as wholes, which on the scale of a model that
-  /// stands still counts against them.
+  /// than the best that did: frames that shake as wholes make noise maps of the captures held out larger or smaller as
+  /// wholes, which on the scale of a model that stands still counts against them.
   std::vector<const Refined*> worthy(const SearchOptions& options) const;
   /// One explains nearly all that is left on train, and the others next to nothing of that: whatever parameters were
   /// bent to, they do not hide what is missing.
