@@ -38,8 +38,8 @@ HowOften how_often(const std::function<std::vector<double>(double value)>& found
   return result;
 }
 
-HowOften count(const Experiment& experiment, const Rung& rung, const SensorModel& model, const std::string& id,
-               const ParameterSpec& spec, int row, std::uint64_t seed) {
+HowOften count_occurrences(const Experiment& experiment, const Rung& rung, const SensorModel& model,
+                           const std::string& id, const ParameterSpec& spec, int row, std::uint64_t seed) {
   constexpr double least_signal = 0.3;
   const Layout& layout = experiment.layout();
   const Metric others = rung.train.with_held({row});

@@ -34,7 +34,7 @@ inline constexpr int counted_recordings = 24;  ///< simulated for each value
 /// How often what parameter `spec` of instance `id` (its chance to happen to a whole frame) stands for happened in the
 /// train captures, by what distinguishes recordings of `model` in which it does from others. `row`: the parameter's
 /// among the nuisances of the rung, which then may not stand in for it. Throws what simulating throws.
-HowOften count(const Experiment& experiment, const Rung& rung, const SensorModel& model, const std::string& id,
-               const ParameterSpec& spec, int row, std::uint64_t seed);
+HowOften count_occurrences(const Experiment& experiment, const Rung& rung, const SensorModel& model,
+                           const std::string& id, const ParameterSpec& spec, int row, std::uint64_t seed);
 
 }  // namespace binrig

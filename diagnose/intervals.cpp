@@ -100,7 +100,8 @@ class Intervals {
       const FitParameter& parameter = first_[p];
       if (!is_chance(parameter)) continue;
       const ParameterSpec& spec = *declaration_of(parameter.id).parameter(parameter.name);
-      const HowOften often = count(experiment_, rung_, model_, parameter.id, spec, first_row + p, seed_ + 4000);
+      const HowOften often =
+          count_occurrences(experiment_, rung_, model_, parameter.id, spec, first_row + p, seed_ + 4000);
       const auto [low, high] = often.interval(student_threshold(0.05, counted_recordings - 1));
       CalibratedParameter& entry = entry_of(parameter.id, parameter.name);
       entry.ci95.reset();

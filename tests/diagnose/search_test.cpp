@@ -175,8 +175,6 @@ TEST(StandingBeside, ThoseThatMoveOtherThingsAndGainMuchInTheirOrder) {
   EXPECT_TRUE(standing_beside(two.rung, best, {&best}).empty());
 }
 
-}  // namespace
-
 TEST(SearchResult, WhatExplainsFarMoreOnTrainIsTriedBeforeWhatProvedItself) {
   const SearchOptions options;
   Refined proven;
@@ -217,4 +215,5 @@ TEST(SearchResult, OneExplainsItAllWhereTheOthersExplainNextToNothing) {
   EXPECT_FALSE(found.explained_by_one(options)) << "half is left";
 }
 
+}  // namespace
 }  // namespace binrig
