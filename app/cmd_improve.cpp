@@ -44,8 +44,7 @@ void add_improve(CLI::App& app, int& /*status*/) {
       return;
     }
     for (const auto& step : diagnosis.ladder)
-      fmt::print("{:>2}  {:<24} held-out {:.3g}\n", step.step, !step.removed.empty() ? "without " + step.removed : step.added.empty() ? "(the model given)" : step.added,
-                 step.score.heldout);
+      fmt::print("{:>2}  {:<24} held-out {:.3g}\n", step.step, step.name("(the model given)"), step.score.heldout);
     fmt::print("{}\n{}/model.yaml\n{}\n", diagnosis_words(diagnosis), options->out, page);
   });
 }

@@ -54,26 +54,14 @@ void ladder_section(Page& page, const Diagnosis& diagnosis) {
   Curve curve;
   curve.label = "held-out score";
   Table table;
-  table.columns = {"step",
-                   "added",
-                   "held-out",
-                   "bias",
-                   "noise",
-                   "spectrum",
-                   "mask",
-                   "edges",
-                   "time",
-                   "poses",
-                   "bias RMS (mm)",
-                   "noise, measured / simulated",
+  table.columns = {"step",        "added", "held-out", "bias",  "noise",         "spectrum",
+                   "mask",        "edges", "time",     "poses", "bias RMS (mm)", "noise, measured / simulated",
                    "proper score"};
   for (const auto& step : diagnosis.ladder) {
     curve.x.push_back(step.step);
     curve.y.push_back(step.score.heldout);
-    const std::string name = !step.removed.empty() ? "without " + step.removed
-                             : step.added.empty()  ? "the model given"
-                                                   : step.added;
-    plot.x_ticks.emplace_back(step.step, step.step == 0 || !step.removed.empty() ? name : "+ " + name);
+    const std::string name = step.name("the model given");
+    plot.x_ticks.emplace_back(step.step, step.added.empty() ? name : "+ " + name);
     std::vector<Cell> row{Cell(step.step), Cell(name), Cell(step.score.heldout)};
     for (const char* channel : {"bias", "noise", "spectrum", "mask", "edges", "time", "poses"}) {
       const auto at = step.score.by_channel.find(channel);

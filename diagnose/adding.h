@@ -7,6 +7,9 @@
 
 namespace binrig {
 
+/// A model with the parameters of the effects that `given` has, too, as they are there.
+SensorModel with_values_of(const SensorModel& given, SensorModel model);
+
 class Adding {
  public:
   /// `given`: the model as the user gave it. `seed`: of signatures about it. What is given must outlive this.
@@ -27,8 +30,6 @@ class Adding {
   static void hold(const Refined& hypothesis, RungOptions& options);
 
  private:
-  SensorModel as_given(SensorModel model) const;
-
   const Experiment& experiment_;
   const std::vector<SceneMotion>& motions_;
   const Measurement& measured_;

@@ -21,9 +21,9 @@ struct Start {
 }  // namespace
 
 std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions,
-                            const Measurement& measured, const SensorModel& given, const Hypotheses& hypotheses,
-                            const std::vector<Signature>& signatures, const std::vector<StatVector>& simulations,
-                            int known, int most, std::uint64_t seed) {
+                            const Measurement& measured, const Beginning& from, const Hypotheses& hypotheses, int known,
+                            int most, std::uint64_t seed) {
+  const auto& [given, signatures, simulations] = from;
   constexpr int frames = 3;
   const Layout& layout = experiment.layout();
   const EffectCatalogue& catalogue = experiment.forward().catalogue();

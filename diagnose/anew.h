@@ -1,5 +1,5 @@
-// A second look from the model as it was given. What is missing may have bent the model's own parameters so far that
-// under the fitted model nothing helps; under the given one the missing effect may stand out.
+// A second look from the parameters as they were given. What is missing may have bent the model's own parameters so far
+// that under the fitted model nothing helps; under the given ones the missing effect may stand out.
 #pragma once
 
 #include <map>
@@ -17,15 +17,20 @@ struct Anew {
   Fit fit;
 };
 
-/// The `most` hypotheses whose signatures, simulated about `given` with targets at their nominal places, come nearest
-/// to the measurement on train (poses, lens and the given model's parameters free in the linear view; periods looked at
-/// closely, with the targets at nominal), each fitted. Those that draw a map of the unit are none: their signatures are
-/// of another one. None if the nearest is `known`, which the fitted model names, too (-1: nothing it names was
-/// accepted). `simulations`: of `given`, short; `signatures`: about it.
-/// Throws what simulating throws.
+/// Where a second look begins: not where the model was bent to.
+struct Beginning {
+  SensorModel model;
+  std::vector<Signature> signatures;    ///< about the model, or about it without what was added since it was given
+  std::vector<StatVector> simulations;  ///< of the model, short: SignatureBook::simulations
+};
+
+/// The `most` hypotheses whose signatures, simulated with targets at their nominal places, bring the beginning's model
+/// nearest to the measurement on train (poses, lens and the model's own parameters free in the linear view; periods
+/// looked at closely, with the targets at nominal), each fitted. Those that draw a map of the unit are none: their
+/// signatures are of another one. None if the nearest is `known`, which the fitted model names, too (-1: nothing it
+/// names was accepted). Throws what simulating throws.
 std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions,
-                            const Measurement& measured, const SensorModel& given, const Hypotheses& hypotheses,
-                            const std::vector<Signature>& signatures, const std::vector<StatVector>& simulations,
-                            int known, int most, std::uint64_t seed);
+                            const Measurement& measured, const Beginning& from, const Hypotheses& hypotheses, int known,
+                            int most, std::uint64_t seed);
 
 }  // namespace binrig

@@ -31,6 +31,19 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
   return {by_best == by_other ? left_by_other < left_by_best : by_other < by_best, false};
 }
 
+bool takes_the_place(const Left& present, const Left& other) {
+  constexpr double clearly = 0.01, hardly = 0.0025, much = 0.25, at_least = 0.1;
+  const bool properly = other.proper_score < present.proper_score - clearly && other.heldout <= present.heldout;
+  const bool held_out = other.heldout < present.heldout - std::max(at_least, much * (present.heldout - 1)) &&
+                        other.proper_score < present.proper_score + hardly;
+  return properly || held_out;
+}
+
+bool as_good(const Left& present, const Left& other) {
+  constexpr double hardly_more = 0.02;
+  return other.heldout < present.heldout + hardly_more && std::ranges::includes(present.unexplained, other.unexplained);
+}
+
 bool hardly_there(const EffectDeclaration& effect, double amplitude) {
   const ParameterSpec* spec = effect.parameter(effect.amplitude);
   return spec && effect.stronger_is_larger && spec->neutral == 0.0 &&

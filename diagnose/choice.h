@@ -30,6 +30,21 @@ struct Choice {
 /// statistics unexplained. What is not needed is not asked for.
 Choice choose(const Contender& best, const Contender& runner_up, double least_gain);
 
+/// What one of two effects that explain the same leaves, everything else fitted.
+struct Left {
+  double heldout = 1;       ///< score
+  double proper_score = 0;  ///< an element, lower is better
+  Leftovers unexplained;
+};
+
+/// Does the other leave so much less that it is to take the place of the one in the model: by the proper score (0.01)
+/// without more on captures held out, or a quarter of what is left of the held-out score (at least 0.1) without a worse
+/// proper one?
+bool takes_the_place(const Left& present, const Left& other);
+
+/// Does the other leave nothing more unexplained, and hardly more on captures held out (0.02)?
+bool as_good(const Left& present, const Left& other);
+
 /// Is an effect weaker than half of the low end of its typical range, the least that real instruments show? Never true
 /// of those whose smaller values are the stronger ones, or that are absent at another value than 0.
 bool hardly_there(const EffectDeclaration& effect, double amplitude);

@@ -12,6 +12,7 @@
 #include "diagnose/mask_fit.h"
 #include "diagnose/score.h"
 #include "diagnose/settle.h"
+#include "diagnose/superfluous.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
@@ -19,12 +20,12 @@ namespace {
 
 constexpr double leaves_little = 1.3;       // dispersion up to which places and masks are looked after
 constexpr double close_behind = 0.9;        // share of the best one's gain
+constexpr std::size_t most_exchanged = 2;   // of those that come so close
 constexpr double least_fall = 0.02;         // share of what is left of the held-out score
 constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
 constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
 constexpr double least_proper_gain = 0.01;  // an element
 constexpr double hardly_worse = 0.0025;     // by less, the scatter of its own simulations moves the proper score
-constexpr double far_worse = 0.5, far_worse_share = 0.02;  // of a held-out score, and of what is left of it
 
 CandidateReport report_of(const Refined& refined, int null_count) {
   CandidateReport report;
@@ -67,7 +68,7 @@ class Climb {
     while (static_cast<int>(climbed_.evidence.accepted.size()) < most_effects_ && step_up()) {
     }
     climbed_.removed.resize(climbed_.rungs.size());
-    step_back();
+    take_out_superfluous(experiment_, motions_, measured_, climbed_);
     return std::move(climbed_);
   }
 
@@ -103,8 +104,17 @@ class Climb {
     if (rung.dispersion <= leaves_something) settle_down(experiment_, motions_, measured_, options, rung);
   }
 
-  /// What the rung's model still lacks: hypotheses and their signatures.
-  std::pair<Hypotheses, std::vector<Signature>> left() const {
+  /// The last rung's model with the parameters that it was given, what was added where it was fitted.
+  Beginning beginning() {
+    const SignatureBook& book = book_from_given();
+    if (climbed_.evidence.accepted.empty()) return {book.model(), book.signatures(), book.simulations()};
+    SensorModel model = with_values_of(book.model(), climbed_.rungs.back().model);
+    std::vector<StatVector> simulations = book.simulations_of(model);
+    return {std::move(model), left(book).second, std::move(simulations)};
+  }
+
+  /// What the rung's model still lacks: hypotheses and their signatures in a book.
+  std::pair<Hypotheses, std::vector<Signature>> left(const SignatureBook& book) const {
     std::pair<Hypotheses, std::vector<Signature>> result;
     std::vector<int> index(all_.tested.size(), -1);
     for (std::size_t h = 0; h < all_.tested.size(); ++h) {
@@ -113,7 +123,7 @@ class Climb {
       index[h] = static_cast<int>(result.first.tested.size());
       result.first.tested.push_back(all_.tested[h]);
     }
-    for (const auto& signature : book_->signatures()) {
+    for (const auto& signature : book.signatures()) {
       if (index[signature.hypothesis] < 0) continue;
       result.second.push_back(signature);
       result.second.back().hypothesis = index[signature.hypothesis];
@@ -141,10 +151,10 @@ class Climb {
     if (take_waiting()) return true;
     const Rung& rung = climbed_.rungs.back();
     look_closer(rung);
-    const auto [hypotheses, signatures] = left();
+    const auto [hypotheses, signatures] = left(*book_);
     const SearchResult found = search(
-        experiment_, motions_, rung, measured_, hypotheses, signatures, given_,
-        [this]() -> const SignatureBook& { return book_from_given(); }, search_options_);
+        experiment_, motions_, rung, measured_, hypotheses, signatures, !climbed_.evidence.accepted.empty(),
+        [this] { return beginning(); }, search_options_);
     if (climbed_.ranking.empty())
       for (std::size_t h = 0; h < hypotheses.tested.size(); ++h)
         climbed_.ranking.push_back(
@@ -205,14 +215,16 @@ class Climb {
     Refined refined;
     CandidateReport report;
     Evidence::Accepted accepted;
+    std::vector<Refined> close;  ///< what explains nearly as much of the same on train
   };
   /// `beaten`, if given, is no rival.
   Found found_as(const Refined& refined, const Rung& rung, const SearchResult& found,
                  const Refined* beaten = nullptr) const {
     Found result{refined,
                  report_of(refined, static_cast<int>(rung.nulls.size())),
-                 {refined.effect, false, refined.random_map, {}}};
-    auto& [copy, report, accepted] = result;
+                 {refined.effect, false, refined.random_map, {}},
+                 {}};
+    auto& [copy, report, accepted, close] = result;
     accepted.map = all_.tested[tested(refined)].declaration->per_unit_map;
     for (const auto& rival : found.refined)
       if (rival.effect != refined.effect && !(beaten && rival.effect == beaten->effect) &&
@@ -220,6 +232,11 @@ class Climb {
           std::find(accepted.rivals.begin(), accepted.rivals.end(), rival.effect) == accepted.rivals.end() &&
           confounded(rung, refined, rival))
         accepted.rivals.push_back(rival.effect);
+    for (const Refined& other : found.refined)
+      if (other.effect != refined.effect && !other.held && !refined.held && close.size() < most_exchanged &&
+          other.train_gain > close_behind * refined.train_gain && moves_the_same(rung, refined, other) &&
+          std::ranges::find(close, other.effect, &Refined::effect) == close.end())
+        close.push_back(other);
     report.confounded_with = accepted.rivals;
     if (!accepted.rivals.empty()) seek_captures(report, rung, found, refined);
     return result;
@@ -236,7 +253,49 @@ class Climb {
     climbed_.candidates.push_back(found.report);
     climbed_.evidence.accepted.push_back(found.accepted);
     climbed_.added.push_back(found.refined.effect);
+    close_.push_back(found.close);
+    for (std::size_t k = 0; k + 1 < close_.size(); ++k)
+      for (const Refined& other : std::exchange(close_[k], {})) exchange(k, other);
     return true;
+  }
+
+  /// What was missing elsewhere may have favoured the wrong one of two that explain the same: with what was added
+  /// since, the other takes the place of candidate k if less is left with it.
+  void exchange(std::size_t k, const Refined& other) {
+    const auto& added = climbed_.evidence.accepted;
+    if (std::ranges::find(added, other.effect, &Evidence::Accepted::effect) != added.end()) return;
+    CandidateReport& candidate = climbed_.candidates[k];
+    const Rung& last = climbed_.rungs.back();
+    Refined hypothesis = other;
+    hypothesis.model = without_effect(last.model, candidate.id);
+    EffectInstance& instance = add_effect(hypothesis.model, catalogue_, other.effect);
+    instance.values = other.model.find(other.id)->values;
+    hypothesis.id = instance.id;
+    Rung next = adding_.to(last, hypothesis, climbed_.options);
+    finish(next, climbed_.options);
+    const auto judged = scores(experiment_.layout(), next, measured_.all, {last, next});
+    const auto left = [&](const Score& score, const Rung& rung) {
+      return Left{score.heldout, proper_score(experiment_.layout(), rung), unexplained(experiment_.layout(), rung)};
+    };
+    const Left before = left(judged[0], last), after = left(judged[1], next);
+    if (tracing())
+      fmt::print(stderr, "  {} for {}: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", other.effect,
+                 candidate.effect, before.heldout, after.heldout, before.proper_score, after.proper_score);
+    if (!takes_the_place(before, after)) {
+      auto& rivals = climbed_.evidence.accepted[k].rivals;
+      if (as_good(before, after) && std::ranges::find(rivals, other.effect) == rivals.end()) {
+        rivals.push_back(other.effect);
+        candidate.confounded_with = rivals;
+      }
+      return;
+    }
+    climbed_.rungs.push_back(std::move(next));
+    climbed_.added.push_back(other.effect);
+    climbed_.removed.resize(climbed_.rungs.size());
+    climbed_.removed.back() = candidate.effect;
+    candidate = report_of(hypothesis, candidate.null_count);
+    climbed_.evidence.accepted[k] = {
+        other.effect, all_.tested[tested(other)].declaration->per_unit_map, other.random_map, {}};
   }
 
   /// Adds the first of those waiting that still makes the ladder better; false if none does.
@@ -367,53 +426,6 @@ class Climb {
     return std::ranges::find(all_.tested, refined.effect, &Hypothesis::effect) - all_.tested.begin();
   }
 
-  /// Does a model miss the captures held out by so much more than the last one that no fit would bring it back?
-  bool is_far_worse(const Rung& unfitted) const {
-    const auto judged =
-        scores(experiment_.layout(), climbed_.rungs.back(), measured_.all, {climbed_.rungs.back(), unfitted});
-    const double with = judged[0].heldout, without = judged[1].heldout;
-    if (tracing()) fmt::print(stderr, "  unfitted: held-out {:.3f}, without {:.3f}\n", with, without);
-    return without > with + far_worse + far_worse_share * std::max(0.0, with - 1);
-  }
-
-  /// What was needed on the way may be superfluous beside what was added later. The last one just proved itself.
-  void step_back() {
-    for (std::size_t k = 0; k + 1 < climbed_.candidates.size();) {
-      SensorModel without = climbed_.rungs.back().model;
-      const std::string id = climbed_.candidates[k].id;
-      std::erase_if(without.effects, [&](const EffectInstance& e) { return e.id == id; });
-      RungOptions again = climbed_.options;
-      again.simulations = 8;  // only their mean is looked at
-      again.passes = 1;
-      again.iterations = 4;
-      again.narrow = narrow_of(climbed_.rungs.back().fit.parameters);
-      const auto& offsets = climbed_.rungs.back().offsets;
-      // The last rung's metric lets all other parameters make up for it to first order.
-      if (is_far_worse(unfitted_rung(experiment_, motions_, measured_, without, offsets, again))) {
-        ++k;
-        continue;
-      }
-      std::vector<Rung> pair{climbed_.rungs.back(),
-                             fit_rung(experiment_, motions_, measured_, without, offsets, again)};
-      const auto judged = scores(experiment_.layout(), pair[0], measured_.all, pair);
-      if (tracing())
-        fmt::print(stderr, "  without {}: held-out {:.3f} -> {:.3f}\n", id, judged[0].heldout, judged[1].heldout);
-      if (judged[1].heldout > judged[0].heldout) {
-        ++k;
-        continue;
-      }
-      climbed_.warnings.push_back(fmt::format(
-          "{} was added and, with what came after it, taken out again: without it the error on captures held out is no "
-          "larger ({:.3g} with it, {:.3g} without)",
-          climbed_.candidates[k].effect, judged[0].heldout, judged[1].heldout));
-      climbed_.rungs.push_back(std::move(pair[1]));
-      climbed_.added.push_back("");
-      climbed_.removed.push_back(climbed_.candidates[k].effect);
-      climbed_.candidates.erase(climbed_.candidates.begin() + static_cast<long>(k));
-      climbed_.evidence.accepted.erase(climbed_.evidence.accepted.begin() + static_cast<long>(k));
-    }
-  }
-
   const Experiment& experiment_;
   const std::vector<SceneMotion>& motions_;
   const Measurement& measured_;
@@ -425,8 +437,9 @@ class Climb {
   const Adding adding_;
   const SearchOptions search_options_;
   std::optional<SignatureBook> book_, book_as_given_;
-  std::vector<bool> looked_closely_;  // by hypothesis
-  std::vector<Found> waiting_;        // best first
+  std::vector<bool> looked_closely_;         // by hypothesis
+  std::vector<Found> waiting_;               // best first
+  std::vector<std::vector<Refined>> close_;  // by candidate: what may take its place, not yet tried
   Climbed climbed_;
 };
 

@@ -37,9 +37,14 @@ struct Score {
 struct LadderStep {
   int step = 0;
   std::string added;    ///< "" = the start, or a step back
-  std::string removed;  ///< an effect that later ones made superfluous
+  std::string removed;  ///< an effect that later ones made superfluous, or that the one added took the place of
   SensorModel model;
   Score score;
+  /// What changed, in words; `start` if nothing was added yet.
+  std::string name(const std::string& start) const {
+    if (!added.empty()) return removed.empty() ? added : added + " for " + removed;
+    return removed.empty() ? start : "without " + removed;
+  }
 };
 
 struct CandidateReport {

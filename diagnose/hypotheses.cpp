@@ -162,6 +162,11 @@ SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalog
   return result;
 }
 
+SensorModel without_effect(SensorModel model, const std::string& id) {
+  std::erase_if(model.effects, [&](const EffectInstance& effect) { return effect.id == id; });
+  return model;
+}
+
 Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols) {
   const EffectDeclaration& effect = *hypothesis.declaration;
   Hypothesis result{hypothesis.effect, &effect, {}};

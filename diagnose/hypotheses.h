@@ -71,5 +71,7 @@ Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model
 /// The model with the effect added at the values.
 SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& effect,
                         const std::map<std::string, double>& values);
+/// The model less the instance with that id, if it has one.
+SensorModel without_effect(SensorModel model, const std::string& id);
 
 }  // namespace binrig

@@ -115,11 +115,10 @@ bool fit_masks(const Experiment& experiment, const std::vector<SceneMotion>& mot
     const EffectInstance* begun = given.find(effect.id);
     const auto parameters = parameters_of(rung, effect.id);
     if (!begun || parameters.size() < 2) continue;  // one alone was tried near and far
-    SensorModel without = rung.model, as_given = rung.model;
-    std::erase_if(without.effects, [&](const EffectInstance& e) { return e.id == effect.id; });
+    SensorModel as_given = rung.model;
     for (const FitParameter& p : parameters) value_in(as_given, p.id, p.name).value = begun->value(p.name);
     // One that went where it clears nothing has to find back.
-    auto captures = either(captures_that_differ(layout, with, simulated(without)),
+    auto captures = either(captures_that_differ(layout, with, simulated(without_effect(rung.model, effect.id))),
                            captures_that_differ(layout, with, simulated(as_given)));
     if (2 * static_cast<int>(captures.size()) > layout.captures) continue;
     if (std::ranges::find_first_of(captures, out) == captures.end()) continue;

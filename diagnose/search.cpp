@@ -34,15 +34,15 @@ class Search {
  public:
   Search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
          const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-         const SensorModel& given, const std::function<const SignatureBook&()>& book, const SearchOptions& options)
+         bool added, const std::function<Beginning()>& beginning, const SearchOptions& options)
       : experiment_(experiment),
         motions_(motions),
         rung_(rung),
         measured_(measured),
         hypotheses_(hypotheses),
         signatures_(signatures),
-        given_(given),
-        book_(book),
+        added_(added),
+        beginning_(beginning),
         options_(options),
         refiner_{experiment, motions, rung, measured, options.seeds, options.seed, Part::all, frames_for(rung)},
         count_(static_cast<int>(hypotheses.tested.size())),
@@ -55,13 +55,7 @@ class Search {
     set_gates();
     base_ = registered_remainder(refiner_, rung_.model);
     refine_shortlist();
-    // Signatures are of the model as given, without what was added to it since.
-    const double astray = result_.accepted(options_).empty() ? options_.unexplained : options_.astray;
-    // Where poses, intrinsics or other parameters made up for what is missing, the rest says little of it.
-    const bool misplaced = std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced ||
-                           furthest_bent(rung_.fit) > options_.bent;
-    if ((left_ > astray || misplaced) && !first_of_many() && !result_.explained_by_one(options_) &&
-        !result_.happening(options_) && rung_.model.effects.size() == given_.effects.size())
+    if (astray() && !first_of_many() && !result_.explained_by_one(options_) && !result_.happening(options_))
       look_again();
     std::sort(result_.refined.begin(), result_.refined.end(),
               [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
@@ -200,8 +194,8 @@ class Search {
     result_.linear[h].gain = gain;
   }
 
-  /// What a refined hypothesis gains, by simulation.
-  void judge(RefinedFit fitted, int h) {
+  /// What a refined hypothesis gains, by simulation; of what a fit `anew` does, only what it owes to the hypothesis.
+  void judge(RefinedFit fitted, int h, bool anew = false) {
     Refined refined;
     refined.id = fitted.id;
     refined.model = fitted.fit.model;
@@ -220,12 +214,17 @@ class Search {
     refined.held = unit_maps_.gives_parameters(h) || refined.happens_or_not;
     if (refined.happens_or_not) refiner.seeds *= 4;
     const Remainder with = registered_remainder(refiner, refined.model);
-    refined.train_gain = (base_.train - with.train + unit_maps_.gain(h).train) / rung_.dispersion;
-    refined.test_gain = (base_.test - with.test + unit_maps_.gain(h).test) / rung_.dispersion;
-    const double excess = base_.train * (1 - 1 / rung_.dispersion);
+    Remainder base = base_;
+    if (anew) {
+      Remainder fitted_too = registered_remainder(refiner_, without_effect(refined.model, refined.id));
+      if (fitted_too.train < base.train) base = std::move(fitted_too);
+    }
+    refined.train_gain = (base.train - with.train + unit_maps_.gain(h).train) / rung_.dispersion;
+    refined.test_gain = (base.test - with.test + unit_maps_.gain(h).test) / rung_.dispersion;
+    const double excess = base.train * (1 - 1 / rung_.dispersion);
     if (excess > 0) refined.share = refined.train_gain * rung_.dispersion / excess;
     refined.change = with.mean;
-    for (std::size_t i = 0; i < refined.change.size(); ++i) refined.change[i] -= base_.mean[i];
+    for (std::size_t i = 0; i < refined.change.size(); ++i) refined.change[i] -= base.mean[i];
     compress(refined.change);
     refined.shown_on_test = dot(rung_.test.apply(refined.change), refined.change) / rung_.dispersion;
     std::vector<double> power(experiment_.layout().captures, 0);
@@ -297,6 +296,16 @@ class Search {
     }
   }
 
+  /// Poses, intrinsics or other parameters made up for what is missing, or nobody explains it: what the model leaves
+  /// says little of what it lacks. Signatures are of the model without what was added to it: with that, only what
+  /// somebody stated says so.
+  bool astray() const {
+    if (std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced) return true;
+    if (added_) return false;
+    return left_ > (result_.accepted(options_).empty() ? options_.unexplained : options_.astray) ||
+           furthest_bent(rung_.fit) > options_.bent;
+  }
+
   /// So much is left by one that explains so much more than all others that several are missing: it comes first, and
   /// the turn of the others comes with it in the model.
   bool first_of_many() const {
@@ -305,19 +314,18 @@ class Search {
     return left_ > many_missing && most > options_.far_ahead * second_listed_;
   }
 
-  /// From the model as it was given, unless that names the best one of those accepted, too.
+  /// From the parameters as they were given, unless that names the best one of those accepted, too.
   void look_again() {
     const auto accepted = result_.accepted(options_);
     const auto best = std::max_element(accepted.begin(), accepted.end(),
                                        [](const Refined* a, const Refined* b) { return a->score() < b->score(); });
     const int known = best == accepted.end() ? -1 : (*best)->hypothesis;
-    const SignatureBook& book = book_();
-    for (Anew& anew : look_anew(experiment_, motions_, measured_, book.model(), hypotheses_, book.signatures(),
-                                book.simulations(), known, options_.anew, options_.seed + 60)) {
+    for (Anew& anew : look_anew(experiment_, motions_, measured_, beginning_(), hypotheses_, known, options_.anew,
+                                options_.seed + 60)) {
       // What the rung has learned of all else is worth more than what a fit from far away did, or it went astray.
       LinearGain start = result_.linear[anew.hypothesis];
       for (auto& [name, value] : start.values) value = anew.fit.model.find(anew.id)->value(name);
-      judge({anew.id, std::move(anew.fit)}, anew.hypothesis);
+      judge({anew.id, std::move(anew.fit)}, anew.hypothesis, true);
       judge(refine(refiner_, hypotheses_.tested[anew.hypothesis], start), anew.hypothesis);
     }
   }
@@ -328,8 +336,8 @@ class Search {
   const Measurement& measured_;
   const Hypotheses& hypotheses_;
   const std::vector<Signature>& signatures_;
-  const SensorModel& given_;
-  const std::function<const SignatureBook&()>& book_;
+  const bool added_;
+  const std::function<Beginning()>& beginning_;
   const SearchOptions& options_;
   const Refiner refiner_;
   const int count_;
@@ -346,9 +354,8 @@ class Search {
 
 SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                     const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-                    const SensorModel& given, const std::function<const SignatureBook&()>& book,
-                    const SearchOptions& options) {
-  return Search(experiment, motions, rung, measured, hypotheses, signatures, given, book, options).run();
+                    bool added, const std::function<Beginning()>& beginning, const SearchOptions& options) {
+  return Search(experiment, motions, rung, measured, hypotheses, signatures, added, beginning, options).run();
 }
 
 }  // namespace binrig

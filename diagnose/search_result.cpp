@@ -10,6 +10,8 @@
 namespace binrig {
 namespace {
 
+constexpr double in_common = 0.1;  // cosine of what two effects change, below which each explains its own
+
 /// Where a model bent its parameters to the train captures, those held out show better what it lacks.
 bool significant_on_train(const Refined& candidate, const SearchOptions& options) {
   const double gate = std::max(candidate.gate, options.least_train_gain);
@@ -91,6 +93,10 @@ Separation separation(const Rung& rung, const Refined& a, const Refined& b) {
   return result;
 }
 
+bool moves_the_same(const Rung& rung, const Refined& a, const Refined& b) {
+  return std::abs(separation(rung, a, b).cosine) >= in_common;
+}
+
 bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
   constexpr double clearly_lost = 0.25;  // of what the better one gains
   // Were a the truth, b would lose by D +- 2 sqrt(D), D their squared distance; were b the truth it would win by as
@@ -107,7 +113,8 @@ bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
                s.distance2, s.cosine);
   // Fits end where depth edges happen to meet the pixels, and the one with more freedom finds the better place. Where
   // signatures, which all stand at the same place, say the opposite, a narrow win proves nothing.
-  const bool views_disagree = b.linear_gain - b.price > a.linear_gain - a.price;
+  // Unless the two move nothing in common: then each explains its own, and both are missing.
+  const bool views_disagree = b.linear_gain - b.price > a.linear_gain - a.price && std::abs(s.cosine) >= in_common;
   // And nobody simulates an effect to better than a hundredth of what it does.
   return lost < 9 || (s.cosine > 0.9 && lost < 2 * std::sqrt(s.distance2)) ||
          (s.cosine > 0.99 && lost < 0.01 * gained(a)) || (views_disagree && lost < clearly_lost * gained(a));
@@ -115,11 +122,11 @@ bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
 
 std::vector<const Refined*> standing_beside(const Rung& rung, const Refined& best,
                                             const std::vector<const Refined*>& worthy) {
-  constexpr double in_common = 0.1, far_behind = 0.25;
+  constexpr double far_behind = 0.25;
   std::vector<const Refined*> result{&best};
   for (const Refined* other : worthy)
     if (other->score() > far_behind * best.score() && std::ranges::all_of(result, [&](const Refined* taken) {
-          return taken->effect != other->effect && std::abs(separation(rung, *taken, *other).cosine) < in_common;
+          return taken->effect != other->effect && !moves_the_same(rung, *taken, *other);
         }))
       result.push_back(other);
   result.erase(result.begin());

@@ -80,14 +80,16 @@ SensorModel signature_model(const SensorModel& given, const SensorModel& fitted,
 SignatureBook::SignatureBook(const Experiment& experiment, SensorModel model, const Hypotheses& hypotheses,
                              const SignatureOptions& options)
     : experiment_(experiment), model_(std::move(model)), hypotheses_(hypotheses), options_(options) {
-  constexpr int for_spread = 6;
-  for (const bool series : {false, true}) {
-    std::vector<Trial> trials;
-    for (int s = 0; s < (series ? std::max(for_spread, options.rare_seeds) : options.seeds); ++s)
-      trials.push_back(trial(model_, s, series));
-    without_[series] = experiment.simulate(trials, "simulating what effects would change", options_.shared);
-  }
+  for (const bool series : {false, true}) without_[series] = without(model_, series, options_.shared);
   spread_ = Standard(experiment.layout(), StatVector(experiment.layout().size, 0.f), without_[true]).spread();
+}
+
+std::vector<StatVector> SignatureBook::without(const SensorModel& model, bool series, bool shared) const {
+  constexpr int for_spread = 6;
+  std::vector<Trial> trials;
+  for (int s = 0; s < (series ? std::max(for_spread, options_.rare_seeds) : options_.seeds); ++s)
+    trials.push_back(trial(model, s, series));
+  return experiment_.simulate(trials, "simulating what effects would change", shared);
 }
 
 Trial SignatureBook::trial(const SensorModel& model, int seed, bool series) const {

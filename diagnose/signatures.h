@@ -43,8 +43,11 @@ class SignatureBook {
   const SensorModel& model() const { return model_; }
   /// A few short recordings of the model itself (train; of Measurement::at(options.most_frames, false)).
   const std::vector<StatVector>& simulations() const { return without_[true]; }
+  /// The same of another model, which may depend on what was measured. Throws what simulating throws.
+  std::vector<StatVector> simulations_of(const SensorModel& model) const { return without(model, true, false); }
 
  private:
+  std::vector<StatVector> without(const SensorModel& model, bool series, bool shared) const;
   Trial trial(const SensorModel& model, int seed, bool series) const;
 
   const Experiment& experiment_;

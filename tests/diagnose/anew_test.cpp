@@ -22,7 +22,7 @@ TEST(LookAnew, FindsAPeriodThatNoSignatureHas) {
   SignatureBook book(c.experiment, given, hypotheses, {});
   book.look_at({0, 1, 2}, false);
   const auto looks = [&](int known) {
-    return look_anew(c.experiment, c.motions, c.measured, given, hypotheses, book.signatures(), book.simulations(),
+    return look_anew(c.experiment, c.motions, c.measured, {given, book.signatures(), book.simulations()}, hypotheses,
                      known, 1, 11);
   };
   const auto found = looks(-1);

@@ -76,6 +76,25 @@ TEST(LeavesLess, OnlyIfNothingNewIsUnexplained) {
   EXPECT_FALSE(leaves_less(before, {{"bias", false}})) << "train and held-out captures are not the same";
 }
 
+TEST(TakesThePlace, WhereItLeavesClearlyLessByOneScoreAndNoMoreByTheOther) {
+  const Left present{1.35, -3.0, {}};
+  EXPECT_TRUE(takes_the_place(present, {1.35, -3.02, {}}));
+  EXPECT_FALSE(takes_the_place(present, {1.36, -3.02, {}})) << "more on captures held out";
+  EXPECT_FALSE(takes_the_place(present, {1.35, -3.005, {}})) << "chance";
+  EXPECT_TRUE(takes_the_place(present, {1.16, -2.999, {}}));
+  EXPECT_FALSE(takes_the_place(present, {1.16, -2.99, {}})) << "at the expense of the captures fitted to";
+  EXPECT_FALSE(takes_the_place({1.05, -3.0, {}}, {0.98, -3.0, {}})) << "below the floor chance moves the score";
+  EXPECT_FALSE(takes_the_place({9, -3.0, {}}, {8, -3.0, {}})) << "hardly less of what is left";
+}
+
+TEST(AsGood, WhereNothingMoreIsUnexplained) {
+  const Left present{1.1, -3.0, {{"edges", true}}};
+  EXPECT_TRUE(as_good(present, {1.11, -2.9, {{"edges", true}}}));
+  EXPECT_TRUE(as_good(present, {1.11, -2.9, {}}));
+  EXPECT_FALSE(as_good(present, {1.11, -2.9, {{"bias", true}}}));
+  EXPECT_FALSE(as_good(present, {1.13, -2.9, {}}));
+}
+
 TEST(HardlyThere, BelowHalfOfTheLeastThatInstrumentsShow) {
   for (const EffectDeclaration* effect : effect_catalogue().all()) {
     const ParameterSpec* amplitude = effect->parameter(effect->amplitude);

@@ -46,6 +46,7 @@ TEST(Confounded, WhatMovesTheSameIsWithinWhatChanceMakesOfTheirDistance) {
 
 TEST(Confounded, ANarrowWinProvesNothingWhereSignaturesSayTheOpposite) {
   Pair pair(400, 330, 15);
+  pair.other.change[3] = 5;
   pair.better.linear_gain = 300, pair.other.linear_gain = 200;
   EXPECT_FALSE(pair.confounded());
   std::swap(pair.better.linear_gain, pair.other.linear_gain);
@@ -55,6 +56,15 @@ TEST(Confounded, ANarrowWinProvesNothingWhereSignaturesSayTheOpposite) {
   pair.other.price = 0;
   pair.other.train_gain = 290;  // lost more than a quarter
   EXPECT_FALSE(pair.confounded());
+}
+
+TEST(Confounded, WhatMovesNothingInCommonIsMissingItselfHoweverMuchItGains) {
+  Pair pair(400, 330, 15);
+  pair.better.linear_gain = 200, pair.other.linear_gain = 300;
+  pair.other.change[3] = 1;  // cosine 1 / 15
+  EXPECT_FALSE(pair.confounded());
+  pair.other.change[3] = 2;
+  EXPECT_TRUE(pair.confounded());
 }
 
 TEST(Confounded, WhereTheHeldOutCapturesSayNothingThoseFittedToDecide) {

@@ -1,0 +1,14 @@
+// What was needed on the way up may be superfluous beside what was added later.
+#pragma once
+
+#include "diagnose/climb.h"
+
+namespace binrig {
+
+/// Leaves each added effect but the last, which just proved itself, out of the last rung's model once more. Where the
+/// held-out score is no larger without it, all others fitted again, it goes: a rung without it, a warning that says so.
+/// Throws what simulating throws.
+void take_out_superfluous(const Experiment& experiment, const std::vector<SceneMotion>& motions,
+                          const Measurement& measured, Climbed& climbed);
+
+}  // namespace binrig
