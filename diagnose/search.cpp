@@ -12,6 +12,7 @@
 #include "diagnose/descent.h"
 #include "diagnose/how_often.h"
 #include "diagnose/refine.h"
+#include "diagnose/score.h"
 #include "diagnose/trace.h"
 #include "diagnose/unit_map_hypotheses.h"
 
@@ -297,13 +298,12 @@ class Search {
   }
 
   /// Poses, intrinsics or other parameters made up for what is missing, or nobody explains it: what the model leaves
-  /// says little of what it lacks. Signatures are of the model without what was added to it: with that, only what
-  /// somebody stated says so.
+  /// says little of what it lacks. Signatures are of the model without what was added to it: with that, less says so.
   bool astray() const {
     if (std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced) return true;
-    if (added_) return false;
-    return left_ > (result_.accepted(options_).empty() ? options_.unexplained : options_.astray) ||
-           furthest_bent(rung_.fit) > options_.bent;
+    if (result_.accepted(options_).empty())
+      return left_ > options_.unexplained || !unexplained(experiment_.layout(), rung_).empty();
+    return !added_ && (left_ > options_.astray || furthest_bent(rung_.fit) > options_.bent);
   }
 
   /// So much is left by one that explains so much more than all others that several are missing: it comes first, and

@@ -21,7 +21,8 @@ struct Place {
   int hypothesis, path, atom;
 };
 
-/// Mean change over seeds, in the statistics' own units, shrunk by segment.
+/// Mean change over seeds, in the statistics' own units, shrunk by segment; of maps in which other pixels toss in each
+/// seed, what they do in the mean.
 StatVector shrunk_change(const Layout& layout, const std::vector<float>& spread, const std::vector<StatVector>& with,
                          const std::vector<StatVector>& without) {
   std::vector<StatVector> changes = with;
@@ -31,6 +32,7 @@ StatVector shrunk_change(const Layout& layout, const std::vector<float>& spread,
   for (StatVector& change : changes)
     for (int i = 0; i < layout.size; ++i)
       change[i] = spread[i] == 0 || std::isnan(change[i]) ? 0.f : change[i] / spread[i];
+  pool_noisy(layout, spread, least_share, changes);
   StatVector mean = shrunk(layout, mean_over_seeds(layout, changes), least_share);
   for (int i = 0; i < layout.size; ++i) mean[i] *= spread[i];
   return mean;
