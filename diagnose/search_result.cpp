@@ -76,7 +76,7 @@ std::vector<const Refined*> SearchResult::worthy(const SearchOptions& options) c
 
 bool SearchResult::explained_by_one(const SearchOptions& options) const {
   const auto most = std::ranges::max_element(refined, {}, &Refined::train_gain);
-  return most != refined.end() && most->share > options.nearly_all &&
+  return most != refined.end() && significant_on_train(*most, options) && most->share > options.nearly_all &&
          std::ranges::none_of(refined, [&](const Refined& other) {
            return other.effect != most->effect && other.train_gain > options.next_to_nothing * most->train_gain;
          });

@@ -223,6 +223,9 @@ TEST(SearchResult, OneExplainsItAllWhereTheOthersExplainNextToNothing) {
   EXPECT_TRUE(found.explained_by_one(options)) << "it is the same effect, fitted twice";
   found.refined[1].share = 0.5;
   EXPECT_FALSE(found.explained_by_one(options)) << "half is left";
+  found.refined[1].share = 0.9;
+  found.refined[1].gate = 2000;
+  EXPECT_FALSE(found.explained_by_one(options)) << "chance explains as much";
 }
 
 }  // namespace
