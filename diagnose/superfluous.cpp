@@ -11,13 +11,18 @@ namespace binrig {
 namespace {
 
 constexpr double far_worse = 0.5, far_worse_share = 0.02;  // of a held-out score, and of what is left of it
+constexpr double hardly_worse = 0.0025;                    // of a proper score, an element
 
-/// Does a model miss the captures held out by so much more than the last one that no fit would bring it back?
-bool is_far_worse(const Experiment& experiment, const Measurement& measured, const Rung& last, const Rung& unfitted) {
-  const auto judged = scores(experiment.layout(), last, measured.all, {last, unfitted});
-  const double with = judged[0].heldout, without = judged[1].heldout;
-  if (tracing()) fmt::print(stderr, "  unfitted: held-out {:.3f}, without {:.3f}\n", with, without);
-  return without > with + far_worse + far_worse_share * std::max(0.0, with - 1);
+struct HeldOut {
+  double with = 0, without = 0;
+  /// Does the model miss the captures held out by so much more without it that no fit would bring it back?
+  bool far_off() const { return without > with + far_worse + far_worse_share * std::max(0.0, with - 1); }
+};
+
+/// On the scale of the first.
+HeldOut held_out(const Experiment& experiment, const Measurement& measured, const Rung& with, const Rung& without) {
+  const auto judged = scores(experiment.layout(), with, measured.all, {with, without});
+  return {judged[0].heldout, judged[1].heldout};
 }
 
 }  // namespace
@@ -27,32 +32,48 @@ void take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
   for (std::size_t k = 0; k + 1 < climbed.candidates.size();) {
     const Rung& last = climbed.rungs.back();
     const CandidateReport& candidate = climbed.candidates[k];
-    const SensorModel without = without_effect(last.model, candidate.id);
+    const SensorModel model = without_effect(last.model, candidate.id);
     RungOptions again = climbed.options;
     again.simulations = 8;  // only their mean is looked at
     again.passes = 1;
     again.iterations = 4;
     again.narrow = narrow_of(last.fit.parameters);
     // The last rung's metric lets all other parameters make up for it to first order.
-    if (is_far_worse(experiment, measured, last,
-                     unfitted_rung(experiment, motions, measured, without, last.offsets, again))) {
-      ++k;
-      continue;
-    }
-    std::vector<Rung> pair{last, fit_rung(experiment, motions, measured, without, last.offsets, again)};
-    const auto judged = scores(experiment.layout(), pair[0], measured.all, pair);
+    Rung without = unfitted_rung(experiment, motions, measured, model, last.offsets, again);
+    HeldOut judged = held_out(experiment, measured, last, without);
     if (tracing())
-      fmt::print(stderr, "  without {}: held-out {:.3f} -> {:.3f}\n", candidate.id, judged[0].heldout,
-                 judged[1].heldout);
-    if (judged[1].heldout > judged[0].heldout) {
+      fmt::print(stderr, "  {} left out, unfitted: held-out {:.3f} -> {:.3f}\n", candidate.id, judged.with,
+                 judged.without);
+    const auto nobody_misses_it = [&] {
+      RungOptions as_it_is = again;
+      as_it_is.passes = 0;
+      const auto proper = [&](const SensorModel& of) {
+        return proper_score(experiment.layout(), fit_rung(experiment, motions, measured, of, last.offsets, as_it_is));
+      };
+      const double with_it = proper(last.model), without_it = proper(model);
+      if (tracing()) fmt::print(stderr, "  proper {:.4f} -> {:.4f}\n", with_it, without_it);
+      return without_it < with_it + hardly_worse;
+    };
+    bool superfluous = judged.without <= judged.with && nobody_misses_it();
+    if (!superfluous && !judged.far_off()) {
+      without = fit_rung(experiment, motions, measured, model, last.offsets, again);
+      judged = held_out(experiment, measured, last, without);
+      if (tracing())
+        fmt::print(stderr, "  {} left out: held-out {:.3f} -> {:.3f}\n", candidate.id, judged.with, judged.without);
+      superfluous = judged.without <= judged.with;
+    }
+    if (!superfluous) {
       ++k;
       continue;
     }
     climbed.warnings.push_back(fmt::format(
         "{} was added and, with what came after it, taken out again: without it the error on captures held out is no "
         "larger ({:.3g} with it, {:.3g} without)",
-        candidate.effect, judged[0].heldout, judged[1].heldout));
-    climbed.rungs.push_back(std::move(pair[1]));
+        candidate.effect, judged.with, judged.without));
+    RungOptions options = climbed.options;
+    options.narrow = again.narrow;
+    Rung next = fit_rung(experiment, motions, measured, model, last.offsets, options);
+    climbed.rungs.push_back(std::move(next));
     climbed.added.push_back("");
     climbed.removed.push_back(candidate.effect);
     climbed.candidates.erase(climbed.candidates.begin() + static_cast<long>(k));

@@ -1,6 +1,8 @@
 // The second look from the model as it was given, on a recording whose truth is known.
 #include "diagnose/anew.h"
 
+#include <algorithm>
+
 #include <gtest/gtest.h>
 
 #include "tests/diagnose/simulated_case.h"
@@ -33,6 +35,49 @@ TEST(LookAnew, FindsAPeriodThatNoSignatureHas) {
   EXPECT_NEAR(wave.value("wavelength"), 130, 14);
   EXPECT_NEAR(wave.value("amplitude"), 0.55, 0.15);
   EXPECT_TRUE(looks(found[0].hypothesis).empty());  // who knows it already need not look
+}
+
+TEST(LookAnew, SeesAFocalErrorBesideWhatWasAdded) {
+  // A fitted focal length takes a focal error over; from the stated one, with the banding that was found first, it
+  // shows.
+  const SensorModel given = model_with("depth_offset", {{"offset", 0}});
+  SensorModel with_banding = given;
+  add_effect(with_banding, effect_catalogue(), "row_banding", {{"amplitude", 0.5}, {"period", 21}, {"phase", 1}});
+  SensorModel truth = with_banding;
+  add_effect(truth, effect_catalogue(), "focal_error", {{"error", 0.02}});
+  const Case c(truth, with_banding);
+  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), given);
+  std::erase_if(hypotheses.tested, [](const Hypothesis& h) {
+    return h.effect != "focal_error" && h.effect != "depth_scale" && h.effect != "disparity_offset";
+  });
+  ASSERT_EQ(hypotheses.tested.size(), 3);
+  SignatureBook book(c.experiment, given, hypotheses, {});
+  book.look_at({0, 1, 2}, false);
+  const Beginning from{with_banding, book.signatures(), book.simulations_of(with_banding)};
+  const auto found = look_anew(c.experiment, c.motions, c.measured, from, hypotheses, -1, 1, 11);
+  ASSERT_EQ(found.size(), 1);
+  ASSERT_EQ(hypotheses.tested[found[0].hypothesis].effect, "focal_error");
+  // The focal length is stated to 0.25 px of about 110 px.
+  EXPECT_NEAR(found[0].fit.model.find(found[0].id)->value("error"), 0.02, 3 * 0.25 / 110);
+}
+
+TEST(SignatureBook, KeepsInTheMeanWhatOtherPixelsTossForInEachSimulation) {
+  const SensorModel given = model_with("depth_offset", {{"offset", 0}});
+  const Case c(given, given);
+  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), given);
+  std::erase_if(hypotheses.tested, [](const Hypothesis& h) { return h.effect != "random_dropout"; });
+  ASSERT_EQ(hypotheses.tested.size(), 1);
+  SignatureBook book(c.experiment, given, hypotheses, {});
+  book.look_at({0}, false);
+  ASSERT_FALSE(book.signatures().empty());
+  const Layout& layout = c.experiment.layout();
+  for (const Signature& signature : book.signatures())
+    for (int capture = 0; capture < layout.captures; ++capture) {
+      if (!layout.train[capture]) continue;
+      const Block& block = *layout.find(capture, "drop-out");
+      const float* first = signature.change.data() + block.offset;
+      EXPECT_GT(*std::max_element(first, first + block.size), 0.f) << "atom " << signature.atom;
+    }
 }
 
 }  // namespace
