@@ -238,7 +238,11 @@ class Climb {
           std::ranges::find(close, other.effect, &Refined::effect) == close.end())
         close.push_back(other);
     report.confounded_with = accepted.rivals;
-    if (!accepted.rivals.empty()) seek_captures(report, rung, found, refined);
+    if (accepted.rivals.empty()) return result;
+    std::vector<SensorModel> rivals;
+    for (const std::string& name : accepted.rivals)
+      rivals.push_back(std::ranges::find(found.refined, name, &Refined::effect)->model);
+    seek_captures(report, rung, refined.model, std::move(rivals));
     return result;
   }
 
@@ -283,10 +287,10 @@ class Climb {
                  candidate.effect, before.heldout, after.heldout, before.proper_score, after.proper_score);
     if (!takes_the_place(before, after)) {
       auto& rivals = climbed_.evidence.accepted[k].rivals;
-      if (as_good(before, after) && std::ranges::find(rivals, other.effect) == rivals.end()) {
-        rivals.push_back(other.effect);
-        candidate.confounded_with = rivals;
-      }
+      if (!as_good(before, after) || std::ranges::find(rivals, other.effect) != rivals.end()) return;
+      rivals.push_back(other.effect);
+      candidate.confounded_with = rivals;
+      if (rivals.size() == 1) seek_captures(candidate, last, last.model, {next.model});
       return;
     }
     climbed_.rungs.push_back(std::move(next));
@@ -402,22 +406,19 @@ class Climb {
     return false;
   }
 
-  /// Captures that would tell an effect from all of those that it is confounded with; if there are none, from the
-  /// first.
-  void seek_captures(CandidateReport& report, const Rung& rung, const SearchResult& found, const Refined& best) const {
+  /// Captures that would tell an effect from all of those that it is confounded with (a model each); if there are none,
+  /// from the first.
+  void seek_captures(CandidateReport& report, const Rung& rung, const SensorModel& best,
+                     std::vector<SensorModel> rivals) const {
     constexpr std::size_t most = 3;
     report.sought_captures = true;
     report.told_from = report.confounded_with;
     for (;;) {
-      std::vector<SensorModel> rivals;
-      for (const std::string& name : report.told_from)
-        rivals.push_back(std::find_if(found.refined.begin(), found.refined.end(), [&](const Refined& r) {
-                           return r.effect == name;
-                         })->model);
-      report.would_separate = captures_that_separate(experiment_, motions_, rung, best.model, rivals, seed_ * 3001);
+      report.would_separate = captures_that_separate(experiment_, motions_, rung, best, rivals, seed_ * 3001);
       report.would_separate.resize(std::min(report.would_separate.size(), most));
       if (!report.would_separate.empty() || rivals.size() == 1) return;
       report.told_from.resize(1);
+      rivals.resize(1);
     }
   }
 
