@@ -301,9 +301,10 @@ class Search {
   /// says little of what it lacks. Signatures are of the model without what was added to it: with that, less says so.
   bool astray() const {
     if (std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced) return true;
+    if (!added_ && furthest_bent(rung_.fit) > options_.bent) return true;
     if (result_.accepted(options_).empty())
       return left_ > options_.unexplained || !unexplained(experiment_.layout(), rung_).empty();
-    return !added_ && (left_ > options_.astray || furthest_bent(rung_.fit) > options_.bent);
+    return !added_ && left_ > options_.astray;
   }
 
   /// So much is left by one that explains so much more than all others that several are missing: it comes first, and

@@ -1,7 +1,9 @@
-// The second look from the model as it was given, on a recording whose truth is known.
+// The second look from the parameters as they were given, and the signatures that it is taken with, on recordings whose
+// truth is known.
 #include "diagnose/anew.h"
 
 #include <algorithm>
+#include <set>
 
 #include <gtest/gtest.h>
 
@@ -10,16 +12,19 @@
 namespace binrig {
 namespace {
 
+Hypotheses hypotheses_of(const Case& c, const SensorModel& given, const std::set<std::string>& effects) {
+  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), given);
+  std::erase_if(hypotheses.tested, [&](const Hypothesis& h) { return !effects.contains(h.effect); });
+  return hypotheses;
+}
+
 TEST(LookAnew, FindsAPeriodThatNoSignatureHas) {
   // Signatures know wavelengths of 50, 300 and 3000 mm or so; the wave at 130 mm is none of them.
   const SensorModel given = model_with("depth_offset", {{"offset", 0}});
   SensorModel truth = given;
   add_effect(truth, effect_catalogue(), "tof_wiggling", {{"amplitude", 0.55}, {"wavelength", 130}, {"phase", 1}});
   const Case c(truth, given);
-  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), given);
-  std::erase_if(hypotheses.tested, [](const Hypothesis& h) {
-    return h.effect != "tof_wiggling" && h.effect != "depth_scale" && h.effect != "disparity_offset";
-  });
+  const Hypotheses hypotheses = hypotheses_of(c, given, {"tof_wiggling", "depth_scale", "disparity_offset"});
   ASSERT_EQ(hypotheses.tested.size(), 3);
   SignatureBook book(c.experiment, given, hypotheses, {});
   book.look_at({0, 1, 2}, false);
@@ -46,10 +51,7 @@ TEST(LookAnew, SeesAFocalErrorBesideWhatWasAdded) {
   SensorModel truth = with_banding;
   add_effect(truth, effect_catalogue(), "focal_error", {{"error", 0.02}});
   const Case c(truth, with_banding);
-  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), given);
-  std::erase_if(hypotheses.tested, [](const Hypothesis& h) {
-    return h.effect != "focal_error" && h.effect != "depth_scale" && h.effect != "disparity_offset";
-  });
+  const Hypotheses hypotheses = hypotheses_of(c, given, {"focal_error", "depth_scale", "disparity_offset"});
   ASSERT_EQ(hypotheses.tested.size(), 3);
   SignatureBook book(c.experiment, given, hypotheses, {});
   book.look_at({0, 1, 2}, false);
@@ -64,8 +66,7 @@ TEST(LookAnew, SeesAFocalErrorBesideWhatWasAdded) {
 TEST(SignatureBook, KeepsInTheMeanWhatOtherPixelsTossForInEachSimulation) {
   const SensorModel given = model_with("depth_offset", {{"offset", 0}});
   const Case c(given, given);
-  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), given);
-  std::erase_if(hypotheses.tested, [](const Hypothesis& h) { return h.effect != "random_dropout"; });
+  const Hypotheses hypotheses = hypotheses_of(c, given, {"random_dropout"});
   ASSERT_EQ(hypotheses.tested.size(), 1);
   SignatureBook book(c.experiment, given, hypotheses, {});
   book.look_at({0}, false);
