@@ -31,6 +31,28 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
   return {by_best == by_other ? left_by_other < left_by_best : by_other < by_best, false};
 }
 
+bool makes_better(const Left& before, const Left& after, const Addition& addition) {
+  constexpr double least_fall = 0.02;         // share of what is left of the held-out score
+  constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
+  constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
+  constexpr double least_proper_gain = 0.01;  // an element
+  constexpr double hardly_worse = 0.0025;     // by less, the scatter of its own simulations moves the proper score
+  constexpr double most = 0.5;                // of what is left of the statistics
+  const double excess = std::max(0.0, before.heldout - 1), rise = after.proper_score - before.proper_score;
+  // Below the floor chance moves the held-out score up and down; what the proper one gets worse by counts there, and
+  // sooner where nothing was unexplained.
+  const bool gets_worse =
+      (excess == 0 && rise >= least_proper_gain) || (rise >= hardly_worse && before.unexplained.empty());
+  const double fall = addition.unproven ? unproven_fall : least_fall;
+  if (!gets_worse && after.heldout <= before.heldout - fall * excess) return true;
+  if (addition.happens_or_not && leaves_less(before.unexplained, after.unexplained)) return true;
+  if (addition.unproven) return false;
+  const bool hardly_rose = after.heldout < before.heldout + std::max(hardly_rises, least_fall * excess);
+  const bool had_gone_far = before.statistics < before.heldout;
+  const bool explains = had_gone_far && after.statistics - 1 < (1 - most) * (before.statistics - 1);
+  return addition.by_its_map || (rise <= -least_proper_gain && (hardly_rose || explains));
+}
+
 bool takes_the_place(const Left& present, const Left& other) {
   constexpr double clearly = 0.01, hardly = 0.0025, much = 0.25, at_least = 0.1;
   const bool properly = other.proper_score < present.proper_score - clearly && other.heldout <= present.heldout;

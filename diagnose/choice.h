@@ -30,12 +30,29 @@ struct Choice {
 /// statistics unexplained. What is not needed is not asked for.
 Choice choose(const Contender& best, const Contender& runner_up, double least_gain);
 
-/// What one of two effects that explain the same leaves, everything else fitted.
+/// What a model leaves, everything fitted.
 struct Left {
   double heldout = 1;       ///< score
   double proper_score = 0;  ///< an element, lower is better
   Leftovers unexplained;
+  double statistics = 1;  ///< the held-out score of statistics alone: Score::statistics
 };
+
+/// What is known of an effect that was added, beside what is left with it.
+struct Addition {
+  bool unproven = false;  ///< before everything was fitted with it, it had not proved itself on captures held out
+  /// It was learned on train as a map of the unit and came back on the captures held out. Scores are of a typical unit:
+  /// it is not in them.
+  bool by_its_map = false;
+  /// It lies in the model's randomness whether something happens at all: on the scale of the model with it, nothing was
+  /// wrong before. What counts is what either model leaves in units of its own.
+  bool happens_or_not = false;
+};
+
+/// Is the model with one effect more better than the one before? What lowers neither the held-out score nor the proper
+/// one is no improvement. Where poses or intrinsics had gone further than the statistics say, to make up for something
+/// missing, they may go on: then it has to take half of what is left of the statistics, and lower the proper score.
+bool makes_better(const Left& before, const Left& after, const Addition& addition);
 
 /// Does the other leave so much less that it is to take the place of the one in the model: by the proper score (0.01)
 /// without more on captures held out, or a quarter of what is left of the held-out score (at least 0.1) without a worse

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <numeric>
 #include <optional>
+#include <tuple>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -18,14 +20,9 @@
 namespace binrig {
 namespace {
 
-constexpr double leaves_little = 1.3;       // dispersion up to which places and masks are looked after
-constexpr double close_behind = 0.9;        // share of the best one's gain
-constexpr std::size_t most_exchanged = 2;   // of those that come so close
-constexpr double least_fall = 0.02;         // share of what is left of the held-out score
-constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
-constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
-constexpr double least_proper_gain = 0.01;  // an element
-constexpr double hardly_worse = 0.0025;     // by less, the scatter of its own simulations moves the proper score
+constexpr double leaves_little = 1.3;      // dispersion up to which places and masks are looked after
+constexpr double close_behind = 0.9;       // share of the best one's gain
+constexpr std::size_t most_exchanged = 2;  // of those that come so close
 
 CandidateReport report_of(const Refined& refined, int null_count) {
   CandidateReport report;
@@ -251,8 +248,8 @@ class Climb {
     RungOptions options = climbed_.options;
     Adding::hold(found.refined, options);
     finish(next, options);
-    if (!climb(found.refined, std::move(next), found.accepted.map && found.accepted.map_looks_random, unproven))
-      return false;
+    const bool by_its_map = found.accepted.map && found.accepted.map_looks_random;
+    if (!climb(found.refined, std::move(next), {unproven, by_its_map, found.refined.happens_or_not})) return false;
     climbed_.options = options;
     climbed_.candidates.push_back(found.report);
     climbed_.evidence.accepted.push_back(found.accepted);
@@ -277,11 +274,7 @@ class Climb {
     hypothesis.id = instance.id;
     Rung next = adding_.to(last, hypothesis, climbed_.options);
     finish(next, climbed_.options);
-    const auto judged = scores(experiment_.layout(), next, measured_.all, {last, next});
-    const auto left = [&](const Score& score, const Rung& rung) {
-      return Left{score.heldout, proper_score(experiment_.layout(), rung), unexplained(experiment_.layout(), rung)};
-    };
-    const Left before = left(judged[0], last), after = left(judged[1], next);
+    const auto [before, after] = left_by(last, next);
     if (tracing())
       fmt::print(stderr, "  {} for {}: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", other.effect,
                  candidate.effect, before.heldout, after.heldout, before.proper_score, after.proper_score);
@@ -363,36 +356,28 @@ class Climb {
            refined.price;
   }
 
+  /// What two models leave that come one after the other, the second one's randomness being the scale.
+  std::pair<Left, Left> left_by(const Rung& one, const Rung& next) const {
+    const Layout& layout = experiment_.layout();
+    const auto judged = scores(layout, next, measured_.all, {one, next});
+    const auto of = [&](const Score& score, const Rung& rung) {
+      return Left{score.heldout, proper_score(layout, rung), unexplained(layout, rung), score.statistics};
+    };
+    return {of(judged[0], one), of(judged[1], next)};
+  }
+
   /// Puts a rung on the ladder; false, and the ladder as it was, if that makes it no better. The gain was computed with
-  /// the scale of the rung before; the ladder judges by the last one's. An addition that lowers neither the held-out
-  /// score there nor the proper score is no improvement, whatever its gain said. Scores are of a typical unit: a map
-  /// that was learned on train and came back on the captures held out (`by_its_map`) is not in them. And where it lies
-  /// in the last model's randomness whether something happens at all, on its scale nothing was wrong before: what
-  /// counts is what either model leaves in units of its own.
-  bool climb(const Refined& best, Rung next, bool by_its_map, bool unproven) {
+  /// the scale of the rung before; the ladder judges by the last one's.
+  bool climb(const Refined& best, Rung next, const Addition& addition) {
     climbed_.rungs.push_back(std::move(next));
-    double before = 0, after = 0;
+    Left before, after;
     const auto improves = [&] {
-      const Rung &last = climbed_.rungs.back(), &previous = climbed_.rungs[climbed_.rungs.size() - 2];
-      const double proper = proper_score(experiment_.layout(), last),
-                   proper_before = proper_score(experiment_.layout(), previous);
-      const auto judged = scores(experiment_.layout(), last, measured_.all, climbed_.rungs);
-      before = judged[judged.size() - 2].heldout, after = judged.back().heldout;
+      std::tie(before, after) = left_by(climbed_.rungs[climbed_.rungs.size() - 2], climbed_.rungs.back());
       if (tracing())
-        fmt::print(stderr, "  {} added: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", best.effect, before,
-                   after, proper_before, proper);
-      const double excess = std::max(0.0, before - 1);
-      // Below the floor chance moves the held-out score up and down; what the proper one gets worse by counts there,
-      // and sooner where nothing was unexplained.
-      const bool gets_worse =
-          (excess == 0 && proper >= proper_before + least_proper_gain) ||
-          (proper >= proper_before + hardly_worse && unexplained(experiment_.layout(), previous).empty());
-      const bool falls = !gets_worse && after <= before - (unproven ? unproven_fall : least_fall) * excess;
-      const bool falls_properly =
-          proper <= proper_before - least_proper_gain && after < before + std::max(hardly_rises, least_fall * excess);
-      return falls || (!unproven && (by_its_map || falls_properly)) ||
-             (best.happens_or_not &&
-              leaves_less(unexplained(experiment_.layout(), previous), unexplained(experiment_.layout(), last)));
+        fmt::print(stderr, "  {} added: held-out {:.4f} ({:.4f}) -> {:.4f} ({:.4f}), proper {:.4f} -> {:.4f}\n",
+                   best.effect, before.heldout, before.statistics, after.heldout, after.statistics, before.proper_score,
+                   after.proper_score);
+      return makes_better(before, after, addition);
     };
     if (improves()) return true;
     // What is weak hardly bent the others: beginning anew may have cost more than it gains.
@@ -401,7 +386,7 @@ class Climb {
     climbed_.warnings.push_back(
         fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "
                     "({:.3g} to {:.3g})",
-                    best.effect, before, after));
+                    best.effect, before.heldout, after.heldout));
     climbed_.rungs.pop_back();
     return false;
   }

@@ -26,6 +26,7 @@ struct DiagnosisOptions {
 /// model's own simulations score 1.
 struct Score {
   double heldout = 0;
+  double statistics = 0;               ///< the same without how far poses and intrinsics are from where they are stated
   double band_low = 0, band_high = 0;  ///< 95 % of the last model's own simulations
   double proper = 0;  ///< mean squared whitened residual plus mean ln variance, by the model's own spread
   std::map<std::string, double> by_channel;

@@ -112,14 +112,14 @@ std::vector<Score> scores(const Layout& layout, const Rung& last_rung, const Sta
   const auto part_score = [&](std::size_t s, double square) {
     return 1 + (square - floor[s]) / (s < segments().size() ? 1 : std::max(1.0, floor[s]));
   };
-  const auto average = [&](const std::vector<double>& squares) {
+  const auto average = [&](const std::vector<double>& squares, std::size_t first) {
     double sum = 0, count = 0;
-    for (std::size_t s = 0; s < squares.size(); ++s)
+    for (std::size_t s = 0; s < first; ++s)
       if (squares[s] >= 0 && floor[s] > 0) sum += part_score(s, squares[s]), count += 1;
     return count > 0 ? sum / count : 0;
   };
   std::vector<double> own;
-  for (const auto& null : nulls) own.push_back(average(null));
+  for (const auto& null : nulls) own.push_back(average(null, parts()));
   std::sort(own.begin(), own.end());
 
   std::vector<Score> result;
@@ -133,7 +133,8 @@ std::vector<Score> scores(const Layout& layout, const Rung& last_rung, const Sta
     const Remains remains = remains_of(last, rung.model, y, place);
     const auto squares = mean_squares(layout, last.standard, remains.rest, remains.test_stated, false);
     Score score;
-    score.heldout = average(squares);
+    score.heldout = average(squares, parts());
+    score.statistics = average(squares, segments().size());
     if (!own.empty()) {
       score.band_low = own[static_cast<std::size_t>(0.025 * (own.size() - 1))];
       score.band_high = own[static_cast<std::size_t>(std::ceil(0.975 * (own.size() - 1)))];

@@ -87,6 +87,38 @@ TEST(TakesThePlace, WhereItLeavesClearlyLessByOneScoreAndNoMoreByTheOther) {
   EXPECT_FALSE(takes_the_place({9, -3.0, {}}, {8, -3.0, {}})) << "hardly less of what is left";
 }
 
+TEST(MakesBetter, WhatLowersTheHeldOutScoreOrTheProperOne) {
+  const Left before{2, -3.0, {{"bias", true}}, 2};
+  EXPECT_TRUE(makes_better(before, {1.97, -2.9, {}, 1.97}, {}));
+  EXPECT_FALSE(makes_better(before, {1.99, -3.0, {}, 1.99}, {})) << "hardly less";
+  EXPECT_TRUE(makes_better(before, {2.05, -3.02, {}, 2.05}, {}));
+  EXPECT_FALSE(makes_better(before, {2.15, -3.02, {}, 2.15}, {})) << "at the expense of captures held out";
+  EXPECT_FALSE(makes_better({0.9, -3.0, {}, 0.9}, {0.8, -2.99, {}, 0.8}, {})) << "chance, below the floor";
+  EXPECT_FALSE(makes_better({2, -3.0, {}, 2}, {1.9, -2.99, {}, 1.9}, {})) << "nothing was unexplained";
+}
+
+TEST(MakesBetter, WhatHadNotProvedItselfHasToTakeAQuarter) {
+  const Left before{2, -3.0, {{"bias", true}}, 2};
+  EXPECT_FALSE(makes_better(before, {1.8, -3.1, {}, 1.8}, {.unproven = true}));
+  EXPECT_TRUE(makes_better(before, {1.7, -3.1, {}, 1.7}, {.unproven = true}));
+}
+
+TEST(MakesBetter, AMapOfTheUnitAndWhatHappensOrNotAreJudgedByWhatScoresDoNotSay) {
+  const Left before{2, -3.0, {{"time", true}, {"bias", true}}, 2};
+  EXPECT_TRUE(makes_better(before, {2.2, -3.0, {}, 2.2}, {.by_its_map = true}));
+  EXPECT_TRUE(makes_better(before, {2.2, -3.0, {{"bias", true}}, 2.2}, {.happens_or_not = true}));
+  EXPECT_FALSE(makes_better(before, {2.2, -3.0, {{"edges", true}}, 2.2}, {.happens_or_not = true}));
+}
+
+TEST(MakesBetter, WhereTheLensMakesUpForWhatElseIsMissingTheStatisticsDecide) {
+  const Left astray{18.4, -3.4, {{"bias", true}, {"intrinsics", true}}, 1.5};
+  EXPECT_TRUE(makes_better(astray, {21.3, -5.1, {{"intrinsics", true}}, 1.0}, {}));
+  EXPECT_FALSE(makes_better(astray, {21.3, -3.4, {{"intrinsics", true}}, 1.0}, {})) << "no better properly";
+  EXPECT_FALSE(makes_better(astray, {21.3, -5.1, {{"intrinsics", true}}, 1.3}, {})) << "less than half of it";
+  EXPECT_FALSE(makes_better(astray, {21.3, -5.1, {{"intrinsics", true}}, 1.0}, {.unproven = true}));
+  EXPECT_FALSE(makes_better({1.5, -3.4, {{"bias", true}}, 1.6}, {5, -5.1, {}, 1.0}, {})) << "it had stood where stated";
+}
+
 TEST(AsGood, WhereNothingMoreIsUnexplained) {
   const Left present{1.1, -3.0, {{"edges", true}}};
   EXPECT_TRUE(as_good(present, {1.11, -2.9, {{"edges", true}}}));
