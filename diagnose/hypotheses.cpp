@@ -93,10 +93,7 @@ Hypothesis make(const EffectDeclaration& effect) {
   if (!place.empty())
     for (int row = 0; row < 5; ++row)
       for (int col = 0; col < 6; ++col) {
-        auto shape = initial;
-        shape[place[0]->name] = clip(*place[0], (-0.8 + columns_apart * col) * place[0]->typical_high);
-        shape[place[1]->name] = clip(*place[1], (-0.6 + rows_apart * row) * place[1]->typical_high);
-        shapes.push_back(shape);
+        shapes.push_back(placed_at(effect, initial, -0.8 + columns_apart * col, -0.6 + rows_apart * row));
       }
   detail.resize(shapes.size(), false);
   for (std::size_t k = 0; k < shapes.size(); ++k) {
@@ -209,31 +206,37 @@ bool is_step(const EffectDeclaration& effect, const ParameterSpec& spec) {
   return spec.name == effect.amplitude && !spec.interpolate && spec.log_scaled && spec.kind != ParameterKind::integer;
 }
 
-Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, double>& values) {
-  constexpr int steps = 3;  // to either side of the grid's place, as far as the next one
+Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, double>& values,
+                    std::optional<double> reach) {
+  constexpr int steps = 3;  // to either side
   const EffectDeclaration& effect = *hypothesis.declaration;
   const auto place = place_of(effect);
   const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
   Hypothesis result{hypothesis.effect, &effect, {}};
   if (place.empty() || !amplitude) return result;
+  const auto moved = [&](int axis, int by, double apart) {
+    return values.at(place[axis]->name) / place[axis]->typical_high + by * reach.value_or(apart) / steps;
+  };
   for (int row = -steps; row <= steps; ++row)
     for (int col = -steps; col <= steps; ++col) {
       StrengthPath path;
       path.one_of_many = true;
       for (const Strength strength : {Strength::weak, Strength::medium, Strength::strong}) {
-        Atom atom{values};
-        const auto moved = [&](int axis, double by) {
-          const ParameterSpec& spec = *place[axis];
-          atom.values[spec.name] = clip(spec, values.at(spec.name) + by / steps * spec.typical_high);
-        };
-        moved(0, col * columns_apart);
-        moved(1, row * rows_apart);
+        Atom atom{placed_at(effect, values, moved(0, col, columns_apart), moved(1, row, rows_apart))};
         atom.values[amplitude->name] = clip(*amplitude, strength_value(effect, strength));
         path.atoms.push_back(atom);
       }
       result.paths.push_back(path);
     }
   return result;
+}
+
+std::map<std::string, double> placed_at(const EffectDeclaration& effect, std::map<std::string, double> values, double x,
+                                        double y) {
+  const auto place = place_of(effect);
+  values[place[0]->name] = clip(*place[0], x * place[0]->typical_high);
+  values[place[1]->name] = clip(*place[1], y * place[1]->typical_high);
+  return values;
 }
 
 double period_spacing(const ParameterSpec& period, double value, int cols) {

@@ -75,12 +75,12 @@ void add_power(const Layout& layout, const Whitened& change, std::vector<double>
 }
 
 LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start,
-                         const std::vector<Signature>& signatures) {
+                         const std::vector<Signature>& signatures, std::optional<double> reach) {
   const Experiment& experiment = refiner.experiment;
   const Rung& rung = refiner.rung;
   Hypotheses close;
   close.tested.push_back(has_place(*hypothesis.declaration)
-                             ? by_place(hypothesis, start.values)
+                             ? by_place(hypothesis, start.values, reach)
                              : by_period(hypothesis, start.values, experiment.nominal(0).depth_mm.cols));
   if (close.tested[0].paths.empty()) return start;
   std::vector<double> power(experiment.layout().captures, 0);

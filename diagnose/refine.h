@@ -1,6 +1,7 @@
 // A hypothesis simulated on top of a rung's model: what it leaves of the data, and its parameters fitted to them.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -42,9 +43,9 @@ void add_power(const Layout& layout, const Whitened& change, std::vector<double>
 
 /// Where a hypothesis has a period and a phase, or a place in the image, its best ones: what the signatures say of them
 /// is of a few periods or a coarse grid only. Simulated are the captures in which its signatures change most. Else, and
-/// where nothing is better, the start.
+/// where nothing is better, the start. `reach`: of by_place.
 LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start,
-                         const std::vector<Signature>& signatures);
+                         const std::vector<Signature>& signatures, std::optional<double> reach = {});
 
 /// The rung's model with the hypothesis, its parameters fitted to the train captures; `id`: of the instance added.
 struct RefinedFit {

@@ -13,6 +13,7 @@
 #include "diagnose/how_often.h"
 #include "diagnose/refine.h"
 #include "diagnose/score.h"
+#include "diagnose/spot.h"
 #include "diagnose/trace.h"
 #include "diagnose/unit_map_hypotheses.h"
 
@@ -54,6 +55,7 @@ class Search {
   SearchResult run() {
     hold_signatures_against_residual();
     set_gates();
+    look_where_it_stands_out();
     base_ = registered_remainder(refiner_, rung_.model);
     refine_shortlist();
     if (astray() && !first_of_many() && !result_.explained_by_one(options_) && !result_.happening(options_))
@@ -80,6 +82,7 @@ class Search {
       const Whitened& rest = explained.rest;
       auto gains = ranking_.gains(rest, explained.values);
       unit_maps_.add_gains(rest, gains);
+      if (const auto spot = spot_left(experiment_, rest)) null_spot_ = std::max(null_spot_, spot->stands_out);
       for (int h = 0; h < count_; ++h) result_.null_gains[h].push_back(gains[h].gain);
     }
     for (int h = 0; h < count_; ++h) {
@@ -189,7 +192,29 @@ class Search {
     }
   }
 
+  /// A grid of places is too coarse for what is small. Where something stands out in the image that chance does not
+  /// make stand out, the effects that have a place are tried there.
+  void look_where_it_stands_out() {
+    constexpr double clearly = 2;
+    const auto spot = spot_left(experiment_, rung_.rest);
+    if (!spot || spot->stands_out < clearly * null_spot_) return;
+    for (int h = 0; h < count_; ++h) {
+      const Hypothesis& hypothesis = hypotheses_.tested[h];
+      if (!has_place(*hypothesis.declaration)) continue;
+      LinearGain there = result_.linear[h];
+      there.values = placed_at(*hypothesis.declaration, there.values, spot->x, spot->y);
+      there.gain = 0;
+      there = binrig::look_close_by(refiner_, hypothesis, there, signatures_, 1.5 * spot->cell);
+      there.hypothesis = h;
+      if (there.gain <= result_.linear[h].gain) continue;
+      result_.linear[h] = there;
+      result_.p_values[h] = gain_p_value(there.gain / rung_.dispersion, result_.null_gains[h]);
+      placed_.push_back(h);
+    }
+  }
+
   void look_close_by(int h) {
+    if (std::ranges::find(placed_, h) != placed_.end()) return;
     const double gain = result_.linear[h].gain;  // by which it was listed; the other is of a few captures
     result_.linear[h] = binrig::look_close_by(refiner_, hypotheses_.tested[h], result_.linear[h], signatures_);
     result_.linear[h].gain = gain;
@@ -346,6 +371,8 @@ class Search {
   SearchResult result_;
   UnitMapHypotheses unit_maps_;
   std::vector<double> own_gate_;
+  double null_spot_ = 0;     // what stands out most in recordings in which nothing is missing
+  std::vector<int> placed_;  // hypotheses whose place is known closely
   Remainder base_;
   double left_;                                                     // dispersion, by the best so far
   double second_listed_ = std::numeric_limits<double>::infinity();  // gain of chi, where that was simulated
