@@ -21,9 +21,10 @@ class Adding {
   /// begins `anew` where the user put it, or stays where it is. Throws what simulating throws.
   Rung to(const Rung& rung, const Refined& hypothesis, RungOptions options, bool anew = true) const;
 
-  /// The model's own noise may have taken the part of a ring in the spectrum, and the ring that of the noise: no slope
-  /// leads from there to where each plays its own. The rung's model as the user gave it, with the hypothesis where its
-  /// signatures about that model come nearest; none if they explain nothing. Throws what simulating throws.
+  /// The model's own noise may have taken the part of a ring in the spectrum, and the ring that of the noise; poses and
+  /// lens that of a wrong focal length. No slope leads from there to where each plays its own. The rung's model as the
+  /// user gave it, targets and lens where they are stated, with the hypothesis where its signatures about that model
+  /// come nearest; none if they explain nothing. Throws what simulating throws.
   std::optional<Rung> to_the_given(const Rung& rung, const Hypothesis& hypothesis, RungOptions options) const;
 
   /// What is known of an effect's parameters without a fit stays: puts it among the options' fixed ones.

@@ -267,20 +267,23 @@ class Climb {
     if (std::ranges::find(added, other.effect, &Evidence::Accepted::effect) != added.end()) return;
     CandidateReport& candidate = climbed_.candidates[k];
     const Rung& last = climbed_.rungs.back();
+    auto& rivals = climbed_.evidence.accepted[k].rivals;
+    const bool named = std::ranges::find(rivals, other.effect) != rivals.end();
+    if (named && unexplained(experiment_.layout(), last).empty()) return;  // there is nothing that it could do better
     Refined hypothesis = other;
     hypothesis.model = without_effect(last.model, candidate.id);
     EffectInstance& instance = add_effect(hypothesis.model, catalogue_, other.effect);
     instance.values = other.model.find(other.id)->values;
     hypothesis.id = instance.id;
-    Rung next = adding_.to(last, hypothesis, climbed_.options);
+    // What moves the same leaves all else where it is.
+    Rung next = adding_.to(last, hypothesis, climbed_.options, false);
     finish(next, climbed_.options);
     const auto [before, after] = left_by(last, next);
     if (tracing())
       fmt::print(stderr, "  {} for {}: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", other.effect,
                  candidate.effect, before.heldout, after.heldout, before.proper_score, after.proper_score);
     if (!takes_the_place(before, after)) {
-      auto& rivals = climbed_.evidence.accepted[k].rivals;
-      if (!as_good(before, after) || std::ranges::find(rivals, other.effect) != rivals.end()) return;
+      if (!as_good(before, after) || named) return;
       rivals.push_back(other.effect);
       candidate.confounded_with = rivals;
       if (rivals.size() == 1) seek_captures(candidate, last, last.model, {next.model});
@@ -319,11 +322,15 @@ class Climb {
                 const std::vector<Signature>& signatures) const {
     const Refined* best = worthy[0];
     Rung next = adding_.to(rung, *best, climbed_.options);
-    if (has_tone(*all_.tested[tested(*best)].declaration))
-      if (const auto left = unexplained(experiment_.layout(), next); !left.empty())
-        if (auto other = adding_.to_the_given(rung, all_.tested[tested(*best)], climbed_.options);
-            other && unexplained(experiment_.layout(), *other).size() < left.size())
-          next = std::move(*other);
+    // Noise may have taken the part of a ring in its spectrum, the lens that of a wrong focal length: no slope leads
+    // back.
+    const auto left = unexplained(experiment_.layout(), next);
+    const bool swapped =
+        has_tone(*all_.tested[tested(*best)].declaration) ? !left.empty() : left.contains({"intrinsics", true});
+    if (swapped)
+      if (auto other = adding_.to_the_given(rung, all_.tested[tested(*best)], climbed_.options);
+          other && unexplained(experiment_.layout(), *other).size() < left.size())
+        next = std::move(*other);
     const auto second =
         std::find_if(worthy.begin(), worthy.end(), [&](const Refined* other) { return other->effect != best->effect; });
     if (second == worthy.end() || (*second)->score() <= close_behind * best->score() ||

@@ -150,6 +150,30 @@ double frequency_step(const ParameterSpec& period, int cols) {
   return (1 / period.typical_low - 1 / period.typical_high) / std::max(1, periods_across(cols) - 1);
 }
 
+/// One hypothesis a period, of any phase, at medium strength. None if it has no strength.
+std::vector<Hypothesis> at_periods(const Hypothesis& hypothesis, const std::map<std::string, double>& values,
+                                   const std::vector<double>& periods) {
+  const EffectDeclaration& effect = *hypothesis.declaration;
+  const auto [phase, period] = wave_of(effect);
+  const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
+  std::vector<Hypothesis> result;
+  for (std::size_t k = 0; amplitude && k < periods.size(); ++k) {
+    result.push_back({hypothesis.effect, &effect, {}});
+    Atom atom{values};
+    atom.values[amplitude->name] = clip(*amplitude, strength_value(effect, Strength::medium));
+    atom.values[period->name] = periods[k];
+    for (const double quarter : {0.0, half_pi}) {
+      StrengthPath path;
+      atom.values[phase->name] = quarter;
+      path.atoms = {atom};
+      path.one_of_many = true;
+      if (quarter > 0) path.quadrature_of = 0;
+      result.back().paths.push_back(path);
+    }
+  }
+  return result;
+}
+
 }  // namespace
 
 SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& effect,
@@ -164,29 +188,23 @@ SensorModel without_effect(SensorModel model, const std::string& id) {
   return model;
 }
 
-Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols) {
-  const EffectDeclaration& effect = *hypothesis.declaration;
-  Hypothesis result{hypothesis.effect, &effect, {}};
-  const auto [phase, period] = wave_of(effect);
-  const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
-  if (!period || !amplitude) return result;
+std::vector<Hypothesis> by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols) {
+  const ParameterSpec* period = wave_of(*hypothesis.declaration).period;
+  if (!period) return {};
   std::vector<double> periods{values.at(period->name)};
-  const double least = 1 / period->typical_high, step = frequency_step(*period, cols);
-  for (int k = 0; k < periods_across(cols); ++k) periods.push_back(1 / (least + step * k));
-  for (const double value : periods) {
-    Atom atom{values};
-    atom.values[amplitude->name] = clip(*amplitude, strength_value(effect, Strength::medium));
-    atom.values[period->name] = value;
-    for (const double quarter : {0.0, half_pi}) {
-      StrengthPath path;
-      atom.values[phase->name] = quarter;
-      path.atoms = {atom};
-      path.one_of_many = true;
-      if (quarter > 0) path.quadrature_of = static_cast<int>(result.paths.size()) - 1;
-      result.paths.push_back(path);
-    }
-  }
-  return result;
+  for (int k = 0; k < periods_across(cols); ++k)
+    periods.push_back(1 / (1 / period->typical_high + k * frequency_step(*period, cols)));
+  return at_periods(hypothesis, values, periods);
+}
+
+std::vector<Hypothesis> by_period_near(const Hypothesis& hypothesis, const std::map<std::string, double>& values,
+                                       int cols) {
+  const ParameterSpec* period = wave_of(*hypothesis.declaration).period;
+  if (!period) return {};
+  std::vector<double> periods;
+  for (int k = -3; k <= 3; ++k)
+    periods.push_back(clip(*period, 1 / (1 / values.at(period->name) + 0.25 * k * frequency_step(*period, cols))));
+  return at_periods(hypothesis, values, periods);
 }
 
 bool has_period(const EffectDeclaration& effect) { return wave_of(effect).period; }

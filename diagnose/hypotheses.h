@@ -46,10 +46,13 @@ struct Hypotheses {
   std::vector<Untested> untested;
 };
 
-/// The hypothesis with its period close together: values of equal steps in its inverse over the typical range, so close
-/// that neighbours differ by one period across an image of `cols`; all else as in `values`, at medium strength. No
-/// paths if it has no phase or no period.
-Hypothesis by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols);
+/// The hypothesis with one period each: that of `values`, then equal steps in its inverse over the typical range, so
+/// close that neighbours differ by one period across an image of `cols`; all else as in `values`, at medium strength.
+/// None if it has no phase or no period.
+std::vector<Hypothesis> by_period(const Hypothesis& hypothesis, const std::map<std::string, double>& values, int cols);
+/// The same about the period of `values`, as far as its neighbours would be, a quarter of such a step apart.
+std::vector<Hypothesis> by_period_near(const Hypothesis& hypothesis, const std::map<std::string, double>& values,
+                                       int cols);
 /// True if an effect has a phase and a period.
 bool has_period(const EffectDeclaration& effect);
 /// True if an effect has a parameter (no strength) of which each value is a trace of its own, without a phase that

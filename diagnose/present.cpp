@@ -27,10 +27,11 @@ std::vector<PresentParameter> present_parameters(const SensorModel& given, const
     entry.fitted = parameter.natural(fit.value[p]);
     entry.low = parameter.natural(fit.value[p] - half[p]);
     entry.high = parameter.natural(fit.value[p] + half[p]);
-    entry.determined = sigma < least_learned * parameter.prior_sigma;
-    entry.changed = entry.determined && (entry.given < entry.low || entry.given > entry.high);
     const EffectDeclaration& effect = before->declaration(catalogue);
     const ParameterSpec* spec = effect.parameter(parameter.name);
+    const bool anything = spec && entry.low <= spec->lower && entry.high >= spec->upper;
+    entry.determined = !anything && sigma < least_learned * parameter.prior_sigma;
+    entry.changed = entry.determined && (entry.given < entry.low || entry.given > entry.high);
     entry.superfluous = entry.determined && spec && parameter.name == effect.amplitude && spec->neutral &&
                         !parameter.logarithmic && entry.low <= *spec->neutral && *spec->neutral <= entry.high;
     result.push_back(entry);

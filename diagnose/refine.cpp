@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <numeric>
 
 #include <fmt/format.h>
 
@@ -61,6 +63,39 @@ Places places_for(const Refiner& refiner, const SensorModel& model) {
   return places;
 }
 
+/// Those that gain most among their neighbours, best first, and at least half of what the best does.
+std::vector<LinearGain> peaks_of(std::vector<LinearGain> gains) {
+  constexpr double close_behind = 0.5;
+  constexpr std::size_t most = 4;
+  std::vector<LinearGain> peaks;
+  for (std::size_t k = 0; k < gains.size(); ++k) {
+    const bool rises = k < 2 || gains[k].gain >= gains[k - 1].gain;  // the first one is no neighbour
+    const bool falls = k == 0 || k + 1 == gains.size() || gains[k].gain >= gains[k + 1].gain;
+    if (rises && falls) peaks.push_back(std::move(gains[k]));
+  }
+  std::ranges::sort(peaks, std::greater(), &LinearGain::gain);
+  while (peaks.size() > most || peaks.back().gain < close_behind * peaks.front().gain) peaks.pop_back();
+  return peaks;
+}
+
+/// The one that leaves least when it is simulated.
+LinearGain best_simulated(const Refiner& refiner, const Hypothesis& hypothesis, std::vector<LinearGain> peaks) {
+  const EffectCatalogue& catalogue = refiner.experiment.forward().catalogue();
+  std::size_t best = 0;
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t k = 0; k < peaks.size() && peaks.size() > 1; ++k) {
+    const SensorModel model = with_effect(refiner.rung.model, catalogue, hypothesis.effect, peaks[k].values);
+    const double chi = registered_remainder(on_train(refiner), model).train;
+    if (tracing()) {
+      fmt::print(stderr, "  {} gain {:.0f} leaves {:.0f}:", hypothesis.effect, peaks[k].gain, chi);
+      for (const auto& [name, value] : peaks[k].values) fmt::print(stderr, " {} {:.4g}", name, value);
+      fmt::print(stderr, "\n");
+    }
+    if (chi < least) least = chi, best = k;
+  }
+  return std::move(peaks[best]);
+}
+
 }  // namespace
 
 Remainder registered_remainder(const Refiner& refiner, const SensorModel& model) {
@@ -78,11 +113,9 @@ LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, c
                          const std::vector<Signature>& signatures, std::optional<double> reach) {
   const Experiment& experiment = refiner.experiment;
   const Rung& rung = refiner.rung;
-  Hypotheses close;
-  close.tested.push_back(has_place(*hypothesis.declaration)
-                             ? by_place(hypothesis, start.values, reach)
-                             : by_period(hypothesis, start.values, experiment.nominal(0).depth_mm.cols));
-  if (close.tested[0].paths.empty()) return start;
+  const int cols = experiment.nominal(0).depth_mm.cols;
+  const bool place = has_place(*hypothesis.declaration);
+  if (!place && !has_period(*hypothesis.declaration)) return start;
   std::vector<double> power(experiment.layout().captures, 0);
   for (const Signature& signature : signatures)
     if (signature.hypothesis == start.hypothesis)
@@ -98,9 +131,26 @@ LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, c
     few.only.push_back(static_cast<int>(most - power.begin()));
     *most = -1;
   }
-  SignatureBook book(experiment, rung.model, close, few);
-  book.look_at({0}, false);
-  LinearGain found = Ranking(experiment, rung, close, book.signatures()).gains(rung.rest, rung.nuisances)[0];
+  const auto gains = [&](std::vector<Hypothesis> close) {
+    const Hypotheses all{std::move(close), {}};
+    std::vector<int> every(all.tested.size());
+    std::iota(every.begin(), every.end(), 0);
+    SignatureBook book(experiment, rung.model, all, few);
+    book.look_at(every, false);
+    return Ranking(experiment, rung, all, book.signatures()).gains(rung.rest, rung.nuisances);
+  };
+  LinearGain found;
+  if (place) {
+    found = gains({by_place(hypothesis, start.values, reach)})[0];
+  } else {
+    // Maps are of cells of several pixels, which see a short period as a long one: what is nearest there is simulated.
+    std::vector<LinearGain> peaks = peaks_of(gains(by_period(hypothesis, start.values, cols)));
+    if (peaks[0].gain <= 0) return start;
+    for (LinearGain& peak : peaks)
+      peak = std::ranges::max(gains(by_period_near(hypothesis, peak.values, cols)), {}, &LinearGain::gain);
+    found = best_simulated(refiner, hypothesis, std::move(peaks));
+  }
+  found.hypothesis = start.hypothesis;
   if (tracing()) {
     fmt::print(stderr, "  {}:", hypothesis.effect);
     for (const auto& [name, value] : found.values) fmt::print(stderr, " {} {:.4g}", name, value);

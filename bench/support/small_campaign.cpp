@@ -61,14 +61,14 @@ Campaign quick_captures() {
 
 SmallCampaign::SmallCampaign(bool quick) : SmallCampaign(quick ? quick_captures() : small_captures()) {}
 
-SmallCampaign::SmallCampaign(const Campaign& campaign) {
+SmallCampaign::SmallCampaign(const Campaign& campaign, int width) {
   std::string name = (std::filesystem::temp_directory_path() / "small-campaign-XXXXXX").string();
   if (!mkdtemp(name.data())) throw Error("no scratch folder can be made at " + name);
   folder_ = name;
   SetInfo info = campaign_sensor();
   info.sensor.name = "small campaign";
-  write_nominal(folder_ / "set", info, camera_from_field_of_view(128, 96, 16.06 * degree), 0.02, campaign.models(),
-                campaign.captures());
+  write_nominal(folder_ / "set", info, camera_from_field_of_view(width, width * 3 / 4, 16.06 * degree), 0.02,
+                campaign.models(), campaign.captures());
   forward_ = std::make_unique<SceneForwardModel>(RecordingSet::open(folder_ / "set"));
 }
 

@@ -21,8 +21,8 @@ class SmallCampaign {
  public:
   /// `quick`: the fewest captures that still show most effects, for tests.
   explicit SmallCampaign(bool quick = false);
-  /// Other captures of such targets, by the same camera.
-  explicit SmallCampaign(const Campaign& campaign);
+  /// Other captures of such targets, by the same camera or one with more pixels (a multiple of 4 across, 4 : 3).
+  explicit SmallCampaign(const Campaign& campaign, int width = 128);
   ~SmallCampaign();
   SmallCampaign(const SmallCampaign&) = delete;
   SmallCampaign& operator=(const SmallCampaign&) = delete;

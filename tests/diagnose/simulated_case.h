@@ -29,14 +29,13 @@ inline SensorModel model_with(const std::string& effect, const std::map<std::str
 
 /// What the catalogue makes of a truth, and a model that is to be fitted to it.
 struct Case {
-  Case(const SensorModel& truth, const SensorModel& start)
-      : recording(
-            bench::simulated_recording(campaign().forward(), truth, bench::drawn_offsets(campaign().forward(), 5), 5)),
+  Case(const SensorModel& truth, const SensorModel& start, const bench::SmallCampaign& of = campaign())
+      : recording(bench::simulated_recording(of.forward(), truth, bench::drawn_offsets(of.forward(), 5), 5)),
         truth(truth),
         start(start),
-        experiment(campaign().forward(), start, cache),
-        motions(scene_motions(experiment, start,
-                              registration_prior(campaign().forward().set(), experiment.nominal(0).camera))) {
+        experiment(of.forward(), start, cache),
+        motions(
+            scene_motions(experiment, start, registration_prior(of.forward().set(), experiment.nominal(0).camera))) {
     std::vector<std::string> unreadable;
     measured = experiment.measure([&](int c, int i) { return recording[c][i]; }, unreadable);
   }
