@@ -1,12 +1,14 @@
 #include "diagnose/climb.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <optional>
 #include <tuple>
 #include <utility>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "diagnose/adding.h"
 #include "diagnose/choice.h"
@@ -22,6 +24,7 @@ namespace {
 
 constexpr double leaves_little = 1.3;      // dispersion up to which places and masks are looked after
 constexpr double close_behind = 0.9;       // share of the best one's gain
+constexpr double clearly_better = 0.01;    // of a proper score
 constexpr std::size_t most_exchanged = 2;  // of those that come so close
 
 CandidateReport report_of(const Refined& refined, int null_count) {
@@ -54,8 +57,31 @@ class Climb {
   }
 
   Climbed run() {
-    climbed_.rungs.push_back(fit_rung(experiment_, motions_, measured_, given_, {}, climbed_.options));
-    finish(climbed_.rungs[0], climbed_.options);
+    const Climbed nothing = climbed_;
+    Rung first = fit_rung(experiment_, motions_, measured_, given_, {}, climbed_.options);
+    finish(first, climbed_.options);
+    const Layout& layout = experiment_.layout();
+    if (const auto bent = parameters_bent(first); !bent.empty() && needlessly_random(layout, first)) {
+      // What happens at random can be made of a mask of which the border lies everywhere and anew in each frame.
+      climbed_.options.fixed = bent;
+      climb_from(fit_rung(experiment_, motions_, measured_, given_, {}, climbed_.options));
+      if (!climbed_.evidence.accepted.empty() &&
+          proper_score(layout, climbed_.rungs.back()) < proper_score(layout, first) - clearly_better) {
+        climbed_.warnings.push_back(
+            fmt::format("{} stayed as given: fitted alone, they made the model far more random than the recording",
+                        fmt::join(bent, ", ")));
+        return std::move(climbed_);
+      }
+      climbed_ = nothing;
+      book_.reset(), book_as_given_.reset(), looked_closely_.clear(), waiting_.clear(), close_.clear();
+    }
+    climb_from(std::move(first));
+    return std::move(climbed_);
+  }
+
+ private:
+  void climb_from(Rung start) {
+    climbed_.rungs.push_back(std::move(start));
     climbed_.added.push_back("");
     // A fit that went astray says nothing of how strong the noise is.
     const Rung& first = climbed_.rungs[0];
@@ -66,10 +92,21 @@ class Climb {
     }
     climbed_.removed.resize(climbed_.rungs.size());
     take_out_superfluous(experiment_, motions_, measured_, climbed_);
-    return std::move(climbed_);
   }
 
- private:
+  /// Parameters that were fitted far from where the user put them, by id.name.
+  std::vector<std::string> parameters_bent(const Rung& rung) const {
+    std::vector<std::string> result;
+    for (const FitParameter& parameter : rung.fit.parameters) {
+      const auto scaled = [&](const SensorModel& model) {
+        return parameter.scaled(model.find(parameter.id)->value(parameter.name));
+      };
+      if (std::abs(scaled(rung.model) - scaled(given_)) > search_options_.bent * parameter.prior_sigma)
+        result.push_back(parameter.id + "." + parameter.name);
+    }
+    return result;
+  }
+
   /// Where what is missing bent a parameter, signatures about the bent one hide what it stands in for.
   const SignatureBook& book_from_given() {
     const Rung& first = climbed_.rungs[0];

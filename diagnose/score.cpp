@@ -208,4 +208,9 @@ Leftovers unexplained(const Layout& layout, const Rung& rung) {
   return result;
 }
 
+bool needlessly_random(const Layout& layout, const Rung& rung) {
+  return std::ranges::any_of(goodness_of_fit(layout, rung),
+                             [](const SegmentFit& fit) { return fit.excess < -6 * fit.spread && fit.excess < -0.05; });
+}
+
 }  // namespace binrig

@@ -40,4 +40,8 @@ std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung);
 using Leftovers = std::set<std::pair<std::string, bool>>;
 Leftovers unexplained(const Layout& layout, const Rung& rung);
 
+/// Is a rung's model far more random somewhere than the recording shows: are its squares there below its own
+/// simulations' by more than six of their standard deviations and a twentieth of their unit?
+bool needlessly_random(const Layout& layout, const Rung& rung);
+
 }  // namespace binrig
