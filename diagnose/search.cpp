@@ -205,7 +205,6 @@ class Search {
       there.values = placed_at(*hypothesis.declaration, there.values, spot->x, spot->y);
       there.gain = 0;
       there = binrig::look_close_by(refiner_, hypothesis, there, signatures_, 1.5 * spot->cell);
-      there.hypothesis = h;
       if (there.gain <= result_.linear[h].gain) continue;
       result_.linear[h] = there;
       result_.p_values[h] = gain_p_value(there.gain / rung_.dispersion, result_.null_gains[h]);
