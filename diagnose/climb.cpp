@@ -1,7 +1,6 @@
 #include "diagnose/climb.h"
 
 #include <algorithm>
-#include <cmath>
 #include <numeric>
 #include <optional>
 #include <tuple>
@@ -61,7 +60,8 @@ class Climb {
     Rung first = fit_rung(experiment_, motions_, measured_, given_, {}, climbed_.options);
     finish(first, climbed_.options);
     const Layout& layout = experiment_.layout();
-    if (const auto bent = parameters_bent(first); !bent.empty() && needlessly_random(layout, first)) {
+    if (const auto bent = parameters_bent(first, given_, search_options_.bent);
+        !bent.empty() && needlessly_random(layout, first)) {
       // What happens at random can be made of a mask of which the border lies everywhere and anew in each frame.
       climbed_.options.fixed = bent;
       climb_from(fit_rung(experiment_, motions_, measured_, given_, {}, climbed_.options));
@@ -92,19 +92,6 @@ class Climb {
     }
     climbed_.removed.resize(climbed_.rungs.size());
     take_out_superfluous(experiment_, motions_, measured_, climbed_);
-  }
-
-  /// Parameters that were fitted far from where the user put them, by id.name.
-  std::vector<std::string> parameters_bent(const Rung& rung) const {
-    std::vector<std::string> result;
-    for (const FitParameter& parameter : rung.fit.parameters) {
-      const auto scaled = [&](const SensorModel& model) {
-        return parameter.scaled(model.find(parameter.id)->value(parameter.name));
-      };
-      if (std::abs(scaled(rung.model) - scaled(given_)) > search_options_.bent * parameter.prior_sigma)
-        result.push_back(parameter.id + "." + parameter.name);
-    }
-    return result;
   }
 
   /// Where what is missing bent a parameter, signatures about the bent one hide what it stands in for.

@@ -93,7 +93,8 @@ Hypothesis make(const EffectDeclaration& effect) {
   if (!place.empty())
     for (int row = 0; row < 5; ++row)
       for (int col = 0; col < 6; ++col) {
-        shapes.push_back(placed_at(effect, initial, -0.8 + columns_apart * col, -0.6 + rows_apart * row));
+        shapes.push_back(placed_at(effect, initial, (-0.8 + columns_apart * col) * place[0]->typical_high,
+                                   (-0.6 + rows_apart * row) * place[1]->typical_high));
       }
   detail.resize(shapes.size(), false);
   for (std::size_t k = 0; k < shapes.size(); ++k) {
@@ -233,7 +234,7 @@ Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, do
   Hypothesis result{hypothesis.effect, &effect, {}};
   if (place.empty() || !amplitude) return result;
   const auto moved = [&](int axis, int by, double apart) {
-    return values.at(place[axis]->name) / place[axis]->typical_high + by * reach.value_or(apart) / steps;
+    return values.at(place[axis]->name) + by * reach.value_or(apart * place[axis]->typical_high) / steps;
   };
   for (int row = -steps; row <= steps; ++row)
     for (int col = -steps; col <= steps; ++col) {
@@ -252,8 +253,8 @@ Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, do
 std::map<std::string, double> placed_at(const EffectDeclaration& effect, std::map<std::string, double> values, double x,
                                         double y) {
   const auto place = place_of(effect);
-  values[place[0]->name] = clip(*place[0], x * place[0]->typical_high);
-  values[place[1]->name] = clip(*place[1], y * place[1]->typical_high);
+  values[place[0]->name] = clip(*place[0], x);
+  values[place[1]->name] = clip(*place[1], y);
   return values;
 }
 

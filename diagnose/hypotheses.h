@@ -64,11 +64,12 @@ bool has_place(const EffectDeclaration& effect);
 /// True of an amplitude that is a step (of a quantisation), not a period or a place: slopes say nothing of it, and
 /// where it is wrong its comb misses the data's everywhere.
 bool is_step(const EffectDeclaration& effect, const ParameterSpec& spec);
-/// The hypothesis with its place close together around that of `values`, each at three strengths: `reach` to all sides,
-/// in units of its typical high end, or as far as the next one of the grid. No paths if it has none.
+/// The hypothesis with its place close together around that of `values`, each at three strengths: `reach` to all sides
+/// (in its own unit), or as far as the next one of the grid. No paths if it has none.
 Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, double>& values,
                     std::optional<double> reach = {});
-/// The values with an effect's place, in units of its typical high end, elsewhere. Precondition: has_place.
+/// The values with an effect's place at (x, y), in its own unit: halves of the image's width from the principal point.
+/// Precondition: has_place.
 std::map<std::string, double> placed_at(const EffectDeclaration& effect, std::map<std::string, double> values, double x,
                                         double y);
 /// How far apart periods of by_period are near a value, relative to it.

@@ -163,6 +163,17 @@ double furthest_bent(const Fit& fit) {
   return furthest;
 }
 
+std::vector<std::string> parameters_bent(const Rung& rung, const SensorModel& given, double deviations) {
+  std::vector<std::string> result;
+  for (const FitParameter& parameter : rung.fit.parameters) {
+    const EffectInstance *before = given.find(parameter.id), *now = rung.model.find(parameter.id);
+    if (!before || !now) continue;
+    const double moved = parameter.scaled(now->value(parameter.name)) - parameter.scaled(before->value(parameter.name));
+    if (std::abs(moved) > deviations * parameter.prior_sigma) result.push_back(parameter.id + "." + parameter.name);
+  }
+  return result;
+}
+
 bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalogue) {
   return std::any_of(model.effects.begin(), model.effects.end(), [&](const EffectInstance& effect) {
     return needs_whole_series(effect.declaration(catalogue).needs);

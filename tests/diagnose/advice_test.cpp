@@ -3,22 +3,17 @@
 
 #include <gtest/gtest.h>
 
-#include "bench/support/small_campaign.h"
-#include "sim/effect.h"
+#include "tests/diagnose/simulated_case.h"
 
 namespace binrig {
 namespace {
 
 struct Stage {
-  bench::SmallCampaign campaign{true};
-  SensorModel plain = parse_sensor_model(
-      "name: m\nsensor: effects\ncamera: recording\nprojector: recording\nreference_distance: recording\n"
-      "depth_scale: recording\neffects:\n  - spectral_noise: {sigma: 0.2}\n",
-      "m", effect_catalogue());
+  SensorModel plain = noise_alone(0.2);
   SimulationCache cache{""};
-  Experiment experiment{campaign.forward(), plain, cache};
+  Experiment experiment{campaign().forward(), plain, cache};
   std::vector<SceneMotion> motions =
-      scene_motions(experiment, plain, registration_prior(campaign.forward().set(), experiment.nominal(0).camera));
+      scene_motions(experiment, plain, registration_prior(campaign().forward().set(), experiment.nominal(0).camera));
   Rung rung;
 
   Stage() {
@@ -47,7 +42,7 @@ TEST(Advice, AnotherDistanceTellsAnOffsetFromAScaleBeyondWhatThePoseMayBe) {
   ASSERT_NE(at_720, found.end());
   EXPECT_NE(at_720->where_to.find("130 mm further away"), std::string::npos) << at_720->where_to;
   // pose_sigma_mm is 0.15: hundreds of bins know their mean far better than that.
-  const double expected = std::pow(0.18 * offset_mm / *stage.campaign.forward().set().pose_sigma_mm, 2);
+  const double expected = std::pow(0.18 * offset_mm / *campaign().forward().set().pose_sigma_mm, 2);
   EXPECT_NEAR(at_720->distance2 / expected, 1, 0.01) << at_720->distance2;
   for (std::size_t i = 1; i < found.size(); ++i) EXPECT_GE(found[i - 1].distance2, found[i].distance2);
 }

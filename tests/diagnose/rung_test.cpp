@@ -88,6 +88,21 @@ TEST(FurthestBent, IsOfTheParameterThatWentFurthestOfThoseTheDataKnow) {
   EXPECT_DOUBLE_EQ(furthest_bent(fit), 1.5);
 }
 
+TEST(ParametersBent, AreThoseFarFromWhereTheUserPutThemWhereverPriorsStand) {
+  const SensorModel given = model_with("radial_distortion", {{"amplitude", 0.5}});
+  Rung rung;
+  rung.model = given;
+  rung.fit.parameters = fit_parameters(given, effect_catalogue());
+  EXPECT_TRUE(parameters_bent(rung, given, 1).empty());
+  FitParameter& moved = rung.fit.parameters[0];
+  value_in(rung.model, moved.id, moved.name).value =
+      moved.natural(moved.scaled(given.find(moved.id)->value(moved.name)) + 1.1 * moved.prior_sigma);
+  moved.prior_centre += 1.1 * moved.prior_sigma;  // as after a last fit
+  EXPECT_THAT(parameters_bent(rung, given, 1), testing::ElementsAre(moved.id + "." + moved.name));
+  EXPECT_TRUE(parameters_bent(rung, given, 1.2).empty());
+  EXPECT_TRUE(parameters_bent(rung, without_effect(given, moved.id), 1).empty()) << "it was added";
+}
+
 TEST(UnfittedRung, SaysWhatTheFittedOneDoesAndThatWithoutAnEffectMuchIsLeft) {
   const SensorModel right = model_with("radial_distortion", {{"amplitude", 0.5}});
   const Case c(right, right);

@@ -17,12 +17,18 @@ inline const bench::SmallCampaign& campaign() {
   return campaign;
 }
 
+/// Correlated noise and nothing else.
+inline SensorModel noise_alone(double sigma_mm) {
+  return parse_sensor_model(
+      "name: m\nsensor: effects\ncamera: recording\nprojector: recording\nreference_distance: recording\n"
+      "depth_scale: recording\neffects:\n  - spectral_noise: {sigma: " +
+          std::to_string(sigma_mm) + "}\n",
+      "m", effect_catalogue());
+}
+
 /// One effect on correlated noise of 0.3 mm.
 inline SensorModel model_with(const std::string& effect, const std::map<std::string, double>& values) {
-  SensorModel model = parse_sensor_model(
-      "name: m\nsensor: effects\ncamera: recording\nprojector: recording\nreference_distance: recording\n"
-      "depth_scale: recording\neffects:\n  - spectral_noise: {sigma: 0.3}\n",
-      "m", effect_catalogue());
+  SensorModel model = noise_alone(0.3);
   add_effect(model, effect_catalogue(), effect, values);
   return model;
 }

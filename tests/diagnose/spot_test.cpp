@@ -5,20 +5,14 @@
 
 #include <gtest/gtest.h>
 
-#include "bench/support/small_campaign.h"
-#include "sim/effect.h"
+#include "tests/diagnose/simulated_case.h"
 
 namespace binrig {
 namespace {
 
 struct Stage {
-  bench::SmallCampaign campaign{true};
-  SensorModel model = parse_sensor_model(
-      "name: m\nsensor: effects\ncamera: recording\nprojector: recording\nreference_distance: recording\n"
-      "depth_scale: recording\neffects:\n  - spectral_noise: {sigma: 0.2}\n",
-      "m", effect_catalogue());
   SimulationCache cache{""};
-  Experiment experiment{campaign.forward(), model, cache};
+  Experiment experiment{campaign().forward(), noise_alone(0.2), cache};
   Whitened rest = Whitened(experiment.layout().size);
 
   Stage() {
