@@ -112,7 +112,7 @@ class MapFitter {
 
   /// How the power grows with the strength is found by simulating at another one.
   std::vector<double> solve_for_strength(const ParameterSpec& amplitude) {
-    constexpr double close = 0.05;  // of the power's logarithm: what few units have scatters more
+    constexpr double close = 0.05;  // of a logarithm: what few units have scatters more
     constexpr int most_rounds = 5;
     double exponent = 2;  // of what is proportional to it
     double& value = fit_.values[amplitude.name];
@@ -125,7 +125,7 @@ class MapFitter {
         fmt::print(stderr, "  {} {}: at {:.4g} units have {:.3f} of the power, at {:.4g} {:.3f}\n", hypothesis_.effect,
                    amplitude.name, before, std::exp(-log_scale), value, std::exp(-tried.match.log_scale));
       const double moved = std::log(value / before);
-      if (std::abs(moved) > 0.2) exponent = std::clamp((log_scale - tried.match.log_scale) / moved, 0.5, 4.0);
+      if (std::abs(moved) > close) exponent = std::clamp((log_scale - tried.match.log_scale) / moved, 0.5, 4.0);
     }
     // Frame by frame a hole is seen again: the fewer the frames, the less a dead pixel stands out.
     tried = try_whole(fit_.values);

@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "core/random.h"
+#include "tests/diagnose/simulated_case.h"
 
 namespace binrig {
 namespace {
@@ -199,6 +200,34 @@ TEST(UnitMap, ASpotIsNoScatterOfPixels) {
     for (int c = 6; c < 9; ++c) spot[r * cols + c] = 3;
   EXPECT_TRUE(map.looks_random(stand.rest(recording(scattered(400), 1, 9000))));
   EXPECT_FALSE(map.looks_random(stand.rest(recording(spot, 1, 9000))));
+}
+
+TEST(FitUnitMap, FindsTheSameRateWhereverItBegins) {
+  // How the map's power grows with the rate is learned on the way, from however short a step.
+  constexpr int frames = 4;
+  bench::Campaign planes(7);
+  for (const double distance : {700.0, 800.0}) planes.plane("train", "plane", frames, distance);
+  planes.plane("test", "plane_2", frames, 750);
+  const bench::SmallCampaign large(planes, 320);
+  constexpr double truth = 0.002;
+  constexpr std::uint64_t seed = 80;
+  SensorModel instrument = model_with("random_dropout", {{"rate", 0.01}});
+  add_effect(instrument, effect_catalogue(), "dead_pixels", {{"rate", truth}});
+  const Case c(instrument, without_effect(instrument, "dead_pixels"), large);
+  const Rung rung = c.fitted({.simulations = 24});
+  const Hypotheses all = make_hypotheses(large.forward(), c.start);
+  const Hypothesis& dead = *std::ranges::find(all.tested, "dead_pixels", &Hypothesis::effect);
+  const auto without = c.experiment.simulate(UnitMap::trials_of(rung, rung.model, seed));
+  std::vector<double> found;
+  for (const double rate : {0.75 * truth, 1.2 * truth, 2 * truth}) {
+    const SensorModel model = with_effect(rung.model, effect_catalogue(), "dead_pixels", {{"rate", rate}});
+    UnitMap start(c.experiment.layout(), rung, without, c.experiment.simulate(UnitMap::trials_of(rung, model, seed)));
+    const UnitMapFit fit = fit_unit_map(c.experiment, rung, dead, {{"rate", rate}}, std::move(start), without, seed);
+    found.push_back(std::log(fit.values.at("rate") / truth));
+    EXPECT_LT(std::abs(found.back()), 3 * fit.deviation.at("rate")) << rate;
+  }
+  const auto [least, most] = std::ranges::minmax(found);
+  EXPECT_LT(most - least, 0.1);  // twice what the power's logarithm is solved to
 }
 
 }  // namespace
