@@ -18,14 +18,22 @@ struct AdvisedCapture {
   double distance2 = 0;
 };
 
+/// One of the effects that look the same: a model with it, as it fits the recording.
+struct LookAlike {
+  const SensorModel& model;
+  const std::string& id;  ///< of the effect's instance
+  const Fit& fit;         ///< its parameters are among these; none that are not can make it look like the others
+};
+
 /// Targets of the train captures (without series and motion) are put nearer, further away and tilted, and simulated
-/// with all models, each with its effect as it fits the recording. Those that would tell the first from every one of
-/// the others (their distance is beyond what chance makes of it, with the same margin as between effects that are not
-/// confounded), furthest first. Base and lens count as known: they are, from the captures at hand. Throws what
+/// with all models. Those that would tell the first from every one of the others whichever is there (their distance is
+/// beyond what chance makes of it, with the same margin as between effects that are not confounded), furthest first.
+/// Either model's parameters and the lens are fitted to what the other one's capture would be, as far as those at hand
+/// leave them free (Gauss-Newton with the precision that the recording gives them, on the scale of `rung`). Throws what
 /// simulating throws.
 std::vector<AdvisedCapture> captures_that_separate(const Experiment& experiment,
                                                    const std::vector<SceneMotion>& motions, const Rung& rung,
-                                                   const SensorModel& one, const std::vector<SensorModel>& others,
+                                                   const LookAlike& one, const std::vector<LookAlike>& others,
                                                    std::uint64_t seed);
 
 }  // namespace binrig

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <tuple>
 #include <utility>
 
@@ -85,6 +86,8 @@ class Climb {
     climbed_.added.push_back("");
     // A fit that went astray says nothing of how strong the noise is.
     const Rung& first = climbed_.rungs[0];
+    if (tracing())
+      fmt::print(stderr, "bent: {}\n", fmt::join(parameters_bent(first, given_, search_options_.bent), ", "));
     const SensorModel& near = first.dispersion > search_options_.astray ? given_ : first.model;
     book_.emplace(experiment_, signature_model(given_, near, catalogue_), all_, SignatureOptions{.seed = seed_ * 7001});
     book_->look_at(everyone(), false);
@@ -98,13 +101,15 @@ class Climb {
   const SignatureBook& book_from_given() {
     const Rung& first = climbed_.rungs[0];
     const bool about_given = first.dispersion > search_options_.astray;
-    if (about_given || furthest_bent(first.fit) <= search_options_.bent) return *book_;
+    if (about_given || !bent()) return *book_;
     if (!book_as_given_) {
       book_as_given_.emplace(experiment_, given_, all_, SignatureOptions{.seed = seed_ * 7001});
       book_as_given_->look_at(everyone(), false);
     }
     return *book_as_given_;
   }
+
+  bool bent() const { return !parameters_bent(climbed_.rungs[0], given_, search_options_.bent).empty(); }
 
   std::vector<int> everyone() const {
     std::vector<int> result(all_.tested.size());
@@ -174,8 +179,8 @@ class Climb {
     look_closer(rung);
     const auto [hypotheses, signatures] = left(*book_);
     const SearchResult found = search(
-        experiment_, motions_, rung, measured_, hypotheses, signatures, !climbed_.evidence.accepted.empty(),
-        [this] { return beginning(); }, search_options_);
+        experiment_, motions_, rung, measured_, hypotheses, signatures,
+        Standing{!climbed_.evidence.accepted.empty(), bent()}, [this] { return beginning(); }, search_options_);
     if (climbed_.ranking.empty())
       for (std::size_t h = 0; h < hypotheses.tested.size(); ++h)
         climbed_.ranking.push_back(
@@ -260,10 +265,12 @@ class Climb {
         close.push_back(other);
     report.confounded_with = accepted.rivals;
     if (accepted.rivals.empty()) return result;
-    std::vector<SensorModel> rivals;
-    for (const std::string& name : accepted.rivals)
-      rivals.push_back(std::ranges::find(found.refined, name, &Refined::effect)->model);
-    seek_captures(report, rung, refined.model, std::move(rivals));
+    std::vector<LookAlike> rivals;
+    for (const std::string& name : accepted.rivals) {
+      const Refined& rival = *std::ranges::find(found.refined, name, &Refined::effect);
+      rivals.push_back({rival.model, rival.id, rival.fit});
+    }
+    seek_captures(report, rung, {refined.model, refined.id, refined.fit}, rivals);
     return result;
   }
 
@@ -310,7 +317,8 @@ class Climb {
       if (!as_good(before, after) || named) return;
       rivals.push_back(other.effect);
       candidate.confounded_with = rivals;
-      if (rivals.size() == 1) seek_captures(candidate, last, last.model, {next.model});
+      if (rivals.size() == 1)
+        seek_captures(candidate, last, {last.model, candidate.id, last.fit}, {{next.model, hypothesis.id, next.fit}});
       return;
     }
     climbed_.rungs.push_back(std::move(next));
@@ -422,20 +430,23 @@ class Climb {
     return false;
   }
 
-  /// Captures that would tell an effect from all of those that it is confounded with (a model each); if there are none,
-  /// from the first.
-  void seek_captures(CandidateReport& report, const Rung& rung, const SensorModel& best,
-                     std::vector<SensorModel> rivals) const {
+  /// Captures that would tell an effect from all of those that it is confounded with; if there are none, from one.
+  void seek_captures(CandidateReport& report, const Rung& rung, const LookAlike& best,
+                     const std::vector<LookAlike>& rivals) const {
     constexpr std::size_t most = 3;
     report.sought_captures = true;
-    report.told_from = report.confounded_with;
-    for (;;) {
-      report.would_separate = captures_that_separate(experiment_, motions_, rung, best, rivals, seed_ * 3001);
+    const auto found = [&](const std::vector<std::string>& names, const std::vector<LookAlike>& against) {
+      report.told_from = names;
+      report.would_separate = captures_that_separate(experiment_, motions_, rung, best, against, seed_ * 3001);
+      // Of each target the place that says most: together they say more than one in several places.
+      std::set<int> named;
+      std::erase_if(report.would_separate, [&](const AdvisedCapture& a) { return !named.insert(a.capture).second; });
       report.would_separate.resize(std::min(report.would_separate.size(), most));
-      if (!report.would_separate.empty() || rivals.size() == 1) return;
-      report.told_from.resize(1);
-      rivals.resize(1);
-    }
+      return !report.would_separate.empty();
+    };
+    if (found(report.confounded_with, rivals) || rivals.size() == 1) return;
+    for (std::size_t k = 0; k < rivals.size(); ++k)
+      if (found({report.confounded_with[k]}, {rivals[k]})) return;
   }
 
   /// Index into all hypotheses of a refined one's.

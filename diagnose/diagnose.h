@@ -58,7 +58,7 @@ struct CandidateReport {
   std::vector<std::pair<FitParameter, ParameterValue>> parameters;
   std::vector<std::string> confounded_with;
   std::vector<AdvisedCapture> would_separate;  ///< that, simulated, tell it from those of told_from; best first
-  std::vector<std::string> told_from;          ///< all of confounded_with, or the first
+  std::vector<std::string> told_from;          ///< all of confounded_with, or one of them
   bool sought_captures = false;                ///< that would
 };
 

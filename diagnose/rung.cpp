@@ -153,21 +153,12 @@ std::vector<NuisanceRow> learn_randomness(const Experiment& experiment, const st
 
 }  // namespace
 
-double furthest_bent(const Fit& fit) {
-  double furthest = 0;
-  for (std::size_t p = 0; p < fit.parameters.size(); ++p) {
-    const FitParameter& parameter = fit.parameters[p];
-    const double moved = std::abs(fit.value[static_cast<int>(p)] - parameter.prior_centre) / parameter.prior_sigma;
-    if (!fit.paused[p] && !parameter.narrow) furthest = std::max(furthest, moved);
-  }
-  return furthest;
-}
-
 std::vector<std::string> parameters_bent(const Rung& rung, const SensorModel& given, double deviations) {
   std::vector<std::string> result;
-  for (const FitParameter& parameter : rung.fit.parameters) {
+  for (std::size_t p = 0; p < rung.fit.parameters.size(); ++p) {
+    const FitParameter& parameter = rung.fit.parameters[p];
     const EffectInstance *before = given.find(parameter.id), *now = rung.model.find(parameter.id);
-    if (!before || !now) continue;
+    if (!before || !now || parameter.narrow || rung.fit.paused[p]) continue;
     const double moved = parameter.scaled(now->value(parameter.name)) - parameter.scaled(before->value(parameter.name));
     if (std::abs(moved) > deviations * parameter.prior_sigma) result.push_back(parameter.id + "." + parameter.name);
   }
@@ -309,7 +300,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     for (const FitParameter& p : rung.fit.parameters)
       fmt::print(stderr, " {}.{} {:.4g}{}", p.id, p.name, rung.model.find(p.id)->value(p.name),
                  rung.fit.paused[&p - rung.fit.parameters.data()] ? " (paused)" : "");
-    fmt::print(stderr, "\n  bent by up to {:.2f}\n", furthest_bent(rung.fit));
+    fmt::print(stderr, "\n");
   }
   Remains remains = remains_of(rung, rung.data, rung.place);
   rung.rest = std::move(remains.rest);

@@ -53,12 +53,9 @@ Remains remains_of(const Rung& rung, const Whitened& difference, const std::vect
 Remains remains_of(const Rung& rung, const SensorModel& model, const Whitened& difference,
                    const std::vector<double>& place);
 
-/// How far the fit took any of the model's parameters from where they were given, in standard deviations of their wide
-/// priors.
-double furthest_bent(const Fit& fit);
 /// Parameters of the rung's model that are further from where `given` has them than so many standard deviations of
 /// their wide priors, by id.name; of rungs whose places or masks were fitted since, too, whose priors stand at the last
-/// fit. Those of effects that `given` lacks are left out.
+/// fit. Those of effects that `given` lacks are left out, and those that the data do not know or a narrow prior holds.
 std::vector<std::string> parameters_bent(const Rung& rung, const SensorModel& given, double deviations);
 
 /// True if any of the model's effects has a need that a few frames do not show.

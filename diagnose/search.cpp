@@ -36,14 +36,14 @@ class Search {
  public:
   Search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
          const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-         bool added, const std::function<Beginning()>& beginning, const SearchOptions& options)
+         const Standing& standing, const std::function<Beginning()>& beginning, const SearchOptions& options)
       : experiment_(experiment),
         motions_(motions),
         rung_(rung),
         measured_(measured),
         hypotheses_(hypotheses),
         signatures_(signatures),
-        added_(added),
+        standing_(standing),
         beginning_(beginning),
         options_(options),
         refiner_{experiment, motions, rung, measured, options.seeds, options.seed, Part::all, frames_for(rung)},
@@ -325,10 +325,10 @@ class Search {
   /// says little of what it lacks. Signatures are of the model without what was added to it: with that, less says so.
   bool astray() const {
     if (std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced) return true;
-    if (!added_ && furthest_bent(rung_.fit) > options_.bent) return true;
+    if (!standing_.added && standing_.bent) return true;
     if (result_.accepted(options_).empty())
       return left_ > options_.unexplained || !unexplained(experiment_.layout(), rung_).empty();
-    return !added_ && left_ > options_.astray;
+    return !standing_.added && left_ > options_.astray;
   }
 
   /// So much is left by one that explains so much more than all others that several are missing: it comes first, and
@@ -361,7 +361,7 @@ class Search {
   const Measurement& measured_;
   const Hypotheses& hypotheses_;
   const std::vector<Signature>& signatures_;
-  const bool added_;
+  const Standing standing_;
   const std::function<Beginning()>& beginning_;
   const SearchOptions& options_;
   const Refiner refiner_;
@@ -381,8 +381,9 @@ class Search {
 
 SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                     const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-                    bool added, const std::function<Beginning()>& beginning, const SearchOptions& options) {
-  return Search(experiment, motions, rung, measured, hypotheses, signatures, added, beginning, options).run();
+                    const Standing& standing, const std::function<Beginning()>& beginning,
+                    const SearchOptions& options) {
+  return Search(experiment, motions, rung, measured, hypotheses, signatures, standing, beginning, options).run();
 }
 
 }  // namespace binrig

@@ -9,12 +9,19 @@
 
 namespace binrig {
 
+/// How a rung's model came about.
+struct Standing {
+  bool added;  ///< effects were added to the model given
+  bool bent;   ///< a parameter of it went far from where it was given
+};
+
 /// Gains are of chi (whitened, dimensionless), those of refined hypotheses with the rung's dispersion divided out.
 /// `motions`: of scene_motions for this experiment; targets are put where each hypothesis wants them. `signatures`: of
 /// `hypotheses`, by their indices. `beginning`: the model with the parameters that it was given, for fits from there,
-/// asked for if it is needed; with `added`, what was added to it since. Throws what simulating throws.
+/// asked for if it is needed; with what was added to it since. Throws what simulating throws.
 SearchResult search(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                     const Measurement& measured, const Hypotheses& hypotheses, const std::vector<Signature>& signatures,
-                    bool added, const std::function<Beginning()>& beginning, const SearchOptions& options);
+                    const Standing& standing, const std::function<Beginning()>& beginning,
+                    const SearchOptions& options);
 
 }  // namespace binrig

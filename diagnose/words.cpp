@@ -78,7 +78,8 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
       std::vector<std::string> advised;
       for (const AdvisedCapture& capture : candidate.would_separate) advised.push_back(capture.where_to);
       if (!advised.empty())
-        text += fmt::format("; simulated with either, one more capture like one of these would tell {} from {}: {}",
+        text += fmt::format("; simulated with either, {} would tell {} from {}: {}",
+                            advised.size() == 1 ? "one more capture like this" : "more captures like these, together,",
                             candidate.effect, list(candidate.told_from), fmt::join(advised, ", "));
       else if (candidate.sought_captures)
         text += fmt::format(

@@ -1,10 +1,10 @@
-// advice_study: does the capture that a diagnosis asks for tell the two effects apart?
+// advice_study: do the captures that a diagnosis asks for tell the two effects apart?
 //
 //   advice_study --out lines.jsonl [--effects a,b --seeds N --first S --strength medium]
 //
 // Effects are hidden in a recording that says too little: every target faces the camera at one distance. Where the
-// answer is that two effects look the same, the capture that it names first is simulated by the same instrument, added
-// to the recording, and the diagnosis is asked again. One line of JSON a recording; those that the file has already are
+// answer is that two effects look the same, the captures that it names are simulated by the same instrument, added to
+// the recording, and the diagnosis is asked again. One line of JSON a recording; those that the file has already are
 // not done again.
 #include <fstream>
 #include <set>
@@ -55,15 +55,15 @@ const CandidateReport* first_confounded(const Diagnosis& diagnosis) {
   return nullptr;
 }
 
-/// One of the two is named, and the other is not said to look like it.
+/// Something is named that is not said to look like one of the two; a third may turn out to be it.
 bool tells_apart(const Diagnosis& diagnosis, const std::string& one, const std::string& other) {
-  for (const CandidateReport& candidate : diagnosis.candidates) {
-    const bool is_one = candidate.effect == one;
-    if (!is_one && candidate.effect != other) continue;
-    const auto& rivals = candidate.confounded_with;
-    return std::find(rivals.begin(), rivals.end(), is_one ? other : one) == rivals.end();
-  }
-  return false;
+  return !diagnosis.candidates.empty() &&
+         std::ranges::none_of(diagnosis.candidates, [&](const CandidateReport& candidate) {
+           const auto among = [&](const std::string& effect) {
+             return candidate.effect == effect || std::ranges::count(candidate.confounded_with, effect) > 0;
+           };
+           return !candidate.confounded_with.empty() && among(one) && among(other);
+         });
 }
 
 nlohmann::json answer_of(const Diagnosis& diagnosis) {
@@ -88,8 +88,10 @@ nlohmann::json study(const Case& c, const DiagnosisOptions& options, SimulationC
     if (!pair || pair->would_separate.empty()) break;
     one = pair->effect, other = pair->told_from.front();
     entry["pair"] = {one, other};
-    entry["advised"] = pair->would_separate[0].where_to;
-    campaign = with_capture(campaign, set.forward(), pair->would_separate[0]);
+    for (const AdvisedCapture& advised : pair->would_separate) {
+      entry["advised"].push_back(advised.where_to);
+      campaign = with_capture(std::move(campaign), set.forward(), advised);
+    }
   }
   return line;
 }
@@ -113,10 +115,10 @@ void print_summary(const std::vector<nlohmann::json>& lines) {
     told_apart += rounds[1]["told_apart"].get<bool>();
     right += names(rounds.back(), line["effect"]);
   }
-  fmt::print("{} recordings; verdict confounded in {}, a capture was advised in {}\n", lines.size(), looked_alike,
+  fmt::print("{} recordings; verdict confounded in {}, captures were advised in {}\n", lines.size(), looked_alike,
              advised);
   fmt::print(
-      "with it, the two were told apart in {}; after up to three such captures the hidden one came first in {}\n",
+      "with them, the two were told apart in {}; after up to three such rounds the hidden one came first in {}\n",
       rate(told_apart, advised), rate(right, advised));
 }
 
@@ -124,7 +126,7 @@ int run(int argc, char** argv) {
   Plan plan;
   std::string out, strength = "medium";
   int threads = 0;
-  CLI::App app{"Asks the diagnosis which capture it wants, simulates that, and asks again"};
+  CLI::App app{"Asks the diagnosis which captures it wants, simulates these, and asks again"};
   app.add_option("--out", out, "file of results, one JSON line a recording; recordings in it are not done again")
       ->required();
   app.add_option("--effects", plan.effects, "only these")->delimiter(',');

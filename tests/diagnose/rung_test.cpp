@@ -77,22 +77,12 @@ TEST(FitRung, MovesALobeAsFarAsTheDataPullIt) {
   }
 }
 
-TEST(FurthestBent, IsOfTheParameterThatWentFurthestOfThoseTheDataKnow) {
-  Fit fit;
-  fit.parameters.resize(3);
-  for (FitParameter& p : fit.parameters) p.prior_centre = 1, p.prior_sigma = 2;
-  fit.value = Eigen::Vector3d(4, -5, 11);
-  fit.paused = {false, false, true};
-  EXPECT_DOUBLE_EQ(furthest_bent(fit), 3);
-  fit.parameters[1].narrow = true;
-  EXPECT_DOUBLE_EQ(furthest_bent(fit), 1.5);
-}
-
 TEST(ParametersBent, AreThoseFarFromWhereTheUserPutThemWhereverPriorsStand) {
   const SensorModel given = model_with("radial_distortion", {{"amplitude", 0.5}});
   Rung rung;
   rung.model = given;
   rung.fit.parameters = fit_parameters(given, effect_catalogue());
+  rung.fit.paused.assign(rung.fit.parameters.size(), false);
   EXPECT_TRUE(parameters_bent(rung, given, 1).empty());
   FitParameter& moved = rung.fit.parameters[0];
   value_in(rung.model, moved.id, moved.name).value =
@@ -100,6 +90,12 @@ TEST(ParametersBent, AreThoseFarFromWhereTheUserPutThemWhereverPriorsStand) {
   moved.prior_centre += 1.1 * moved.prior_sigma;  // as after a last fit
   EXPECT_THAT(parameters_bent(rung, given, 1), testing::ElementsAre(moved.id + "." + moved.name));
   EXPECT_TRUE(parameters_bent(rung, given, 1.2).empty());
+  moved.narrow = true;
+  EXPECT_TRUE(parameters_bent(rung, given, 1).empty());
+  moved.narrow = false;
+  rung.fit.paused[0] = true;
+  EXPECT_TRUE(parameters_bent(rung, given, 1).empty()) << "the data do not know it";
+  rung.fit.paused[0] = false;
   EXPECT_TRUE(parameters_bent(rung, without_effect(given, moved.id), 1).empty()) << "it was added";
 }
 
