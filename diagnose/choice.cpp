@@ -41,8 +41,10 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
   const double excess = std::max(0.0, before.heldout - 1), rise = after.proper_score - before.proper_score;
   // Below the floor chance moves the held-out score up and down; what the proper one gets worse by counts there, and
   // sooner where nothing was unexplained.
-  const bool gets_worse =
-      (excess == 0 && rise >= least_proper_gain) || (rise >= hardly_worse && before.unexplained.empty());
+  // Where nothing is unexplained any more, it may be twice that: masks do not come back to where they were.
+  const bool explains_all = !before.unexplained.empty() && after.unexplained.empty();
+  const bool gets_worse = (excess == 0 && rise >= (explains_all ? 2 : 1) * least_proper_gain) ||
+                          (rise >= hardly_worse && before.unexplained.empty());
   const double fall = addition.unproven ? unproven_fall : least_fall;
   if (!gets_worse && after.heldout <= before.heldout - fall * excess) return true;
   if (addition.happens_or_not && leaves_less(before.unexplained, after.unexplained)) return true;

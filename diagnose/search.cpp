@@ -14,6 +14,7 @@
 #include "diagnose/refine.h"
 #include "diagnose/score.h"
 #include "diagnose/spot.h"
+#include "diagnose/tone.h"
 #include "diagnose/trace.h"
 #include "diagnose/unit_map_hypotheses.h"
 
@@ -244,6 +245,28 @@ class Search {
       Remainder fitted_too = registered_remainder(refiner_, without_effect(refined.model, refined.id));
       if (fitted_too.train < base.train) base = std::move(fitted_too);
     }
+    left_ = std::min(left_, rung_.dispersion * with.train / base_.train);
+    enter(std::move(refined), base, with);
+  }
+
+  /// Where simulations toss for more than it explains, what they agree on decides.
+  void judge_tone(int h) {
+    Refined& refined = result_.refined.back();
+    RefinedFit fitted = refine_tone(refiner_, hypotheses_.tested[h], result_.linear[h]);
+    refined.id = fitted.id;
+    refined.model = fitted.fit.model;
+    refined.fit = std::move(fitted.fit);
+    refined.held = true;
+    refined.gate = own_gate_[h];
+    const ClearRemainders left = clear_remainders(refiner_, refined.model);
+    left_ = std::min(left_, rung_.dispersion * left.with.train / left.without.train);
+    Refined clear = std::move(refined);
+    result_.refined.pop_back();
+    enter(std::move(clear), left.without, left.with);
+  }
+
+  void enter(Refined refined, const Remainder& base, const Remainder& with) {
+    const int h = refined.hypothesis;
     refined.train_gain = (base.train - with.train + unit_maps_.gain(h).train) / rung_.dispersion;
     refined.test_gain = (base.test - with.test + unit_maps_.gain(h).test) / rung_.dispersion;
     const double excess = base.train * (1 - 1 / rung_.dispersion);
@@ -255,7 +278,6 @@ class Search {
     std::vector<double> power(experiment_.layout().captures, 0);
     add_power(experiment_.layout(), rung_.train.apply(refined.change), power);
     refined.shown_in = static_cast<int>(std::max_element(power.begin(), power.end()) - power.begin());
-    left_ = std::min(left_, rung_.dispersion * with.train / base_.train);
     result_.refined.push_back(std::move(refined));
   }
 
@@ -310,6 +332,10 @@ class Search {
       } else {
         if (!has_place(*hypothesis.declaration)) look_close_by(h);
         judge(refine(refiner_, hypothesis, result_.linear[h]), h);
+        const Refined& fitted = result_.refined.back();
+        if (has_tone(*hypothesis.declaration) && rung_.dispersion <= options_.linear_until &&
+            fitted.train_gain < options_.disappointing * fitted.linear_gain)
+          judge_tone(h);
       }
       // What fails on the captures held out must not keep others from being tried.
       const Refined& refined = result_.refined.back();

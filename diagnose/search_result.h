@@ -33,11 +33,12 @@ struct Refined {
 };
 
 struct SearchOptions {
-  int shortlist = 12;         ///< so many with the largest linear gain are simulated as they are,
-  double linear_until = 1.3;  ///< where the rung's dispersion is larger than this
-  int refine = 4;             ///< so many are fitted, and those that
-  double rival = 0.75;        ///< gain at least this share of what the best of the list does,
-  double overtakes = 0.5;     ///< where much is missing, places are looked for closely with this share of the best's
+  int shortlist = 12;          ///< so many with the largest linear gain are simulated as they are,
+  double linear_until = 1.3;   ///< where the rung's dispersion is larger than this
+  double disappointing = 0.5;  ///< share of the linear gain: a ring that gains less is fitted by what seeds agree on
+  int refine = 4;              ///< so many are fitted, and those that
+  double rival = 0.75;         ///< gain at least this share of what the best of the list does,
+  double overtakes = 0.5;      ///< where much is missing, places are looked for closely with this share of the best's
   double hopeless = 0.3;  ///< unless they explain less than this share (half of it if they have periods or places) of
                           ///< what the best does
   /// Where the linear gain falls short of the gate but not of this share of it, so many are fitted, too: signatures

@@ -21,23 +21,6 @@ struct Place {
   int hypothesis, path, atom;
 };
 
-/// Mean change over seeds, in the statistics' own units, shrunk by segment; of maps in which other pixels toss in each
-/// seed, what they do in the mean.
-StatVector shrunk_change(const Layout& layout, const std::vector<float>& spread, const std::vector<StatVector>& with,
-                         const std::vector<StatVector>& without) {
-  std::vector<StatVector> changes = with;
-  for (std::size_t k = 0; k < with.size(); ++k)
-    for (int i = 0; i < layout.size; ++i) changes[k][i] -= without[k][i];
-  fill_unknown(layout, changes, true);
-  for (StatVector& change : changes)
-    for (int i = 0; i < layout.size; ++i)
-      change[i] = spread[i] == 0 || std::isnan(change[i]) ? 0.f : change[i] / spread[i];
-  pool_noisy(layout, spread, least_share, changes);
-  StatVector mean = shrunk(layout, mean_over_seeds(layout, changes), least_share);
-  for (int i = 0; i < layout.size; ++i) mean[i] *= spread[i];
-  return mean;
-}
-
 /// Largest of 2 b'w - w'Gw along the broken line from 0 through the unit vectors in turn; w holds the place.
 double best_on_path(const Eigen::MatrixXd& gram, const Eigen::VectorXd& b, bool interpolate, Eigen::VectorXd& w) {
   const int n = static_cast<int>(b.size());
@@ -63,6 +46,21 @@ double best_on_path(const Eigen::MatrixXd& gram, const Eigen::VectorXd& b, bool 
 }
 
 }  // namespace
+
+StatVector shrunk_change(const Layout& layout, const std::vector<float>& spread, const std::vector<StatVector>& with,
+                         const std::vector<StatVector>& without, double map_share) {
+  std::vector<StatVector> changes = with;
+  for (std::size_t k = 0; k < with.size(); ++k)
+    for (int i = 0; i < layout.size; ++i) changes[k][i] -= without[k][i];
+  fill_unknown(layout, changes, true);
+  for (StatVector& change : changes)
+    for (int i = 0; i < layout.size; ++i)
+      change[i] = spread[i] == 0 || std::isnan(change[i]) ? 0.f : change[i] / spread[i];
+  pool_noisy(layout, spread, std::max(map_share, least_share), changes);
+  StatVector mean = shrunk(layout, mean_over_seeds(layout, changes), least_share);
+  for (int i = 0; i < layout.size; ++i) mean[i] *= spread[i];
+  return mean;
+}
 
 SensorModel signature_model(const SensorModel& given, const SensorModel& fitted, const EffectCatalogue& catalogue) {
   SensorModel model = given;
@@ -140,7 +138,7 @@ void SignatureBook::look_at(const std::vector<int>& hypotheses, bool detail) {
     parallel_for(last - first, [&](int i) {
       const std::vector<StatVector> own(with.begin() + begins[i], with.begin() + begins[i + 1]);
       found[first + i] = {places[first + i].hypothesis, places[first + i].path, places[first + i].atom,
-                          shrunk_change(experiment_.layout(), spread_, own, without_[series[i]])};
+                          shrunk_change(experiment_.layout(), spread_, own, without_[series[i]], options_.map_share)};
     });
   }
   signatures_.insert(signatures_.end(), std::make_move_iterator(found.begin()), std::make_move_iterator(found.end()));

@@ -22,12 +22,19 @@ struct SignatureOptions {
   std::uint64_t seed = 7001;
   std::vector<int> only;  ///< these captures; empty = all of train
   bool shared = true;     ///< the model does not depend on what was measured
+  double map_share = 0;   ///< of shrunk_change
 };
 
 /// The model that signatures are made of: `given` with the strength of its noise (amplitudes on a logarithmic scale)
 /// at the nearest power of 2 to the fitted one. What an effect changes in stabilised statistics hardly depends on the
 /// other parameters, so that all recordings of a scene share their signatures.
 SensorModel signature_model(const SensorModel& given, const SensorModel& fitted, const EffectCatalogue& catalogue);
+
+/// Mean change over seeds (simulations of the same seeds without and with something), in the statistics' own units,
+/// each segment shrunk by its share of signal; of maps in which other pixels toss in each seed, what they do in the
+/// mean. `spread`: of Standard, 0 = unknown: no change. `map_share`: maps of which less is signal are taken for such.
+StatVector shrunk_change(const Layout& layout, const std::vector<float>& spread, const std::vector<StatVector>& with,
+                         const std::vector<StatVector>& without, double map_share = 0);
 
 /// Signatures of some hypotheses about one model, simulated when they are asked for. Targets stand where they nominally
 /// do. All arguments of the constructor must outlive it.

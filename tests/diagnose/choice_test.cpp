@@ -97,6 +97,14 @@ TEST(MakesBetter, WhatLowersTheHeldOutScoreOrTheProperOne) {
   EXPECT_FALSE(makes_better({2, -3.0, {}, 2}, {1.9, -2.99, {}, 1.9}, {})) << "nothing was unexplained";
 }
 
+TEST(MakesBetter, BelowTheFloorWhatExplainsAllThatWasUnexplainedMayCostTwiceAsMuch) {
+  const Left before{0.96, -3.53, {{"spectrum", true}}, 1.02};
+  EXPECT_TRUE(makes_better(before, {0.91, -3.515, {}, 0.95}, {}));
+  EXPECT_FALSE(makes_better(before, {0.91, -3.515, {{"spectrum", true}}, 0.95}, {}));
+  EXPECT_FALSE(makes_better(before, {0.91, -3.505, {}, 0.95}, {}));
+  EXPECT_FALSE(makes_better({0.96, -3.53, {}, 1.02}, {0.91, -3.515, {}, 0.95}, {}));
+}
+
 TEST(MakesBetter, WhatHadNotProvedItselfHasToTakeAQuarter) {
   const Left before{2, -3.0, {{"bias", true}}, 2};
   EXPECT_FALSE(makes_better(before, {1.8, -3.1, {}, 1.8}, {.unproven = true}));
