@@ -4,7 +4,6 @@
 #include <cmath>
 #include <functional>
 #include <limits>
-#include <numeric>
 
 #include <fmt/format.h>
 
@@ -132,12 +131,7 @@ LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, c
     *most = -1;
   }
   const auto gains = [&](std::vector<Hypothesis> close) {
-    const Hypotheses all{std::move(close), {}};
-    std::vector<int> every(all.tested.size());
-    std::iota(every.begin(), every.end(), 0);
-    SignatureBook book(experiment, rung.model, all, few);
-    book.look_at(every, false);
-    return Ranking(experiment, rung, all, book.signatures()).gains(rung.rest, rung.nuisances);
+    return gains_about(experiment, rung, {std::move(close), {}}, few);
   };
   LinearGain found;
   if (place) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <numeric>
 #include <tuple>
 
 #include <fmt/format.h>
@@ -259,6 +260,15 @@ std::vector<LinearGain> Ranking::gains(const Whitened& rest, const std::vector<d
       if (spec->kind == ParameterKind::integer) value = std::round(value);
     }
   return result;
+}
+
+std::vector<LinearGain> gains_about(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
+                                    const SignatureOptions& options) {
+  std::vector<int> every(hypotheses.tested.size());
+  std::iota(every.begin(), every.end(), 0);
+  SignatureBook book(experiment, rung.model, hypotheses, options);
+  book.look_at(every, false);
+  return Ranking(experiment, rung, hypotheses, book.signatures()).gains(rung.rest, rung.nuisances);
 }
 
 PValue gain_p_value(double gain, std::vector<double> null_gains) {

@@ -104,6 +104,11 @@ class Ranking {
   std::vector<Eigen::MatrixXd> cross_;  // of a path with its quarter-period companion, by path
 };
 
+/// Gains of what a rung leaves, on train, by signatures that are simulated about its model for that alone: one entry a
+/// hypothesis, in their order. Details are not looked at. Throws what simulating throws.
+std::vector<LinearGain> gains_about(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
+                                    const SignatureOptions& options);
+
 /// p-value of a gain against gains under the null: from a gamma distribution with their mean and variance, never below
 /// what they resolve unless `extrapolated` is set.
 struct PValue {

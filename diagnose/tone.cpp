@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
 #include <fmt/format.h>
@@ -25,7 +24,9 @@ class ToneFit {
   ToneFit(const Refiner& refiner, const Hypothesis& hypothesis)
       : refiner_(refiner), rung_(refiner.rung), hypothesis_(hypothesis) {
     for (const ParameterSpec& spec : hypothesis.declaration->parameters)
-      if (spec.log_scaled || spec.name == hypothesis.declaration->amplitude) specs_.push_back(&spec);
+      if (spec.log_scaled || (spec.name == hypothesis.declaration->amplitude && !spec.either_sign))
+        specs_.push_back(&spec);
+    deviation_ = Eigen::VectorXd::Ones(static_cast<int>(specs_.size()));  // an e-fold, where nothing says more
   }
 
   RefinedFit run(const LinearGain& start) {
@@ -64,17 +65,13 @@ class ToneFit {
     }
     return result;
   }
-  std::vector<Signature> signatures(const Hypotheses& of, int seeds) const {
-    std::vector<int> every(of.tested.size());
-    std::iota(every.begin(), every.end(), 0);
+  std::vector<LinearGain> gains(const std::vector<std::map<std::string, double>>& all, int seeds) const {
     SignatureOptions few;
     few.seed = refiner_.seed + 60;
     few.shared = false;
     few.seeds = seeds;
     few.map_share = map_share;
-    SignatureBook book(refiner_.experiment, rung_.model, of, few);
-    book.look_at(every, false);
-    return book.signatures();
+    return gains_about(refiner_.experiment, rung_, at(all), few);
   }
 
   /// To where the signatures gain most; the strength goes along.
@@ -85,12 +82,10 @@ class ToneFit {
       for (std::size_t p = 0; p < specs_.size(); ++p)
         if (specs_[p]->name != hypothesis_.declaration->amplitude)
           for (const double by : {-step, step}) asked.push_back(moved(p, by, values_));
-      const Hypotheses around = at(asked);
-      const auto gains =
-          Ranking(refiner_.experiment, rung_, around, signatures(around, 2)).gains(rung_.rest, rung_.nuisances);
-      const auto best = std::ranges::max_element(gains, {}, &LinearGain::gain);
+      const std::vector<LinearGain> found = gains(asked, 2);
+      const auto best = std::ranges::max_element(found, {}, &LinearGain::gain);
       if (best->gain <= 0) return;
-      if (best == gains.begin()) step /= 2;
+      if (best == found.begin()) step /= 2;
       values_ = best->values;
       trace("climbing", best->gain);
     }
@@ -108,16 +103,16 @@ class ToneFit {
         for (int k = itself ? -3 : -1; k <= (itself ? 3 : 1); ++k)
           asked.push_back(moved(p, k * (itself ? apart : wide_apart), values));
     }
-    const Hypotheses around = at(asked);
-    const auto gains =
-        Ranking(refiner_.experiment, rung_, around, signatures(around, 4)).gains(rung_.rest, rung_.nuisances);
-    const double most = std::ranges::max_element(gains, {}, &LinearGain::gain)->gain;
+    const std::vector<LinearGain> found = gains(asked, 4);
+    const double most = std::ranges::max_element(found, {}, &LinearGain::gain)->gain;
+    if (most <= 0) return;
     // The simulations scatter, too, by half as much again; and what signatures promise is right to some percents.
     const double scale = std::max(1.5 * rung_.dispersion, trusted * most);
     const int n = static_cast<int>(specs_.size());
     Eigen::VectorXd sum = Eigen::VectorXd::Zero(n), square = sum;
     double total = 0;
-    for (const LinearGain& gain : gains) {
+    for (const LinearGain& gain : found) {
+      if (gain.gain <= 0) continue;  // no strength of it explains anything
       const double weight = std::exp((gain.gain - most) / (2 * scale));
       Eigen::VectorXd x(n);
       for (int p = 0; p < n; ++p) x[p] = std::log(gain.values.at(specs_[p]->name));

@@ -14,7 +14,7 @@ struct ClearRemainders {
 };
 ClearRemainders clear_remainders(const Refiner& refiner, const SensorModel& model);
 
-/// The rung's model with a hypothesis that has a tone (has_tone), its parameters on logarithmic scales fitted to train
+/// The rung's model with a hypothesis that has a tone (has_tone), its strength and what is log_scaled fitted to train
 /// by its signatures from `start`, then averaged over a grid about there, with 95 % intervals. Throws what simulating
 /// throws.
 RefinedFit refine_tone(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start);

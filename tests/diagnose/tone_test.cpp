@@ -60,6 +60,13 @@ TEST(Tone, ExplainsNothingWhereThereIsNone) {
   const ClearRemainders same = clear_remainders(ring.refiner, ring.rung.model);
   EXPECT_EQ(same.with.train, same.without.train);
   EXPECT_EQ(same.with.test, same.without.test);
+  const RefinedFit fit =
+      refine_tone(ring.refiner, ring.bumps, {0, 0, {{"amplitude", 0.5}, {"frequency", 0.3}, {"width", 0.02}}});
+  for (const auto& [name, value] : fit.fit.model.find(fit.id)->values) {
+    ASSERT_TRUE(value.ci95) << name;
+    EXPECT_TRUE(std::isfinite(value.value) && (*value.ci95)[0] <= value.value && value.value <= (*value.ci95)[1])
+        << name;
+  }
 }
 
 }  // namespace
