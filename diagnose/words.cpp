@@ -34,12 +34,23 @@ std::string fall(const Diagnosis& diagnosis) {
   return text;
 }
 
+/// The share of the held-out error above the floor that the ladder takes away.
+double share_explained(const Diagnosis& diagnosis) {
+  if (diagnosis.ladder.size() < 2) return 0;
+  const double before = diagnosis.ladder.front().score.heldout, after = diagnosis.ladder.back().score.heldout;
+  return before > 1 ? (before - after) / (before - 1) : 0;
+}
+
 }  // namespace
 
 void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, const std::vector<std::string>& lacking) {
   std::vector<std::string> names, segments;
   for (const auto& candidate : diagnosis.candidates) names.push_back(candidate.effect);
   for (const auto& entry : diagnosis.unexplained) segments.push_back(entry.segment);
+  const auto describe = [&](const std::string& name) {
+    if (const auto* effect = catalogue.find(name))
+      diagnosis.reasons.push_back(fmt::format("{}: {}", name, effect->phenomenon));
+  };
   switch (diagnosis.verdict) {
     case Verdict::nothing_missing:
       diagnosis.headline = "Nothing is missing: the model explains this recording within its own randomness.";
@@ -51,14 +62,24 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
       diagnosis.headline = fmt::format("Something is missing, and it is {}, or what cannot be told from it here: {}.",
                                        list(names), fall(diagnosis));
       break;
-    case Verdict::unknown_effect:
-      diagnosis.headline =
-          fmt::format("Something is missing that no known effect explains; it shows in {}.", list(segments));
+    case Verdict::unknown_effect: {
+      const std::string where = segments.empty() ? "" : "; it shows in " + list(segments);
+      if (share_explained(diagnosis) > 2.0 / 3) {
+        diagnosis.headline =
+            fmt::format("Most of what is missing looks like {}: {}. What is left no known effect explains{}.",
+                        list(names), fall(diagnosis), where);
+        for (const auto& name : names) describe(name);
+        diagnosis.reasons.push_back(fmt::format(
+            "Whatever the rest is may have bent the values found for {}, beyond their intervals.", list(names)));
+        break;
+      }
+      diagnosis.headline = fmt::format("Something is missing that no known effect explains{}.", where);
       if (!names.empty())
         diagnosis.reasons.push_back(fmt::format("The nearest known {} {}: {}. Do not take {} for the cause.",
                                                 names.size() == 1 ? "effect is" : "effects are", list(names),
                                                 fall(diagnosis), names.size() == 1 ? "it" : "them"));
       break;
+    }
     case Verdict::not_enough_data:
       diagnosis.headline = "This recording cannot answer the question.";
       for (const auto& item : lacking) diagnosis.reasons.push_back("It lacks " + item + ".");
@@ -66,8 +87,7 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
   }
   if (diagnosis.verdict == Verdict::missing_effect || diagnosis.verdict == Verdict::confounded)
     for (const auto& candidate : diagnosis.candidates) {
-      if (const auto* effect = catalogue.find(candidate.effect))
-        diagnosis.reasons.push_back(fmt::format("{}: {}", candidate.effect, effect->phenomenon));
+      describe(candidate.effect);
       if (candidate.confounded_with.empty()) continue;
       std::vector<std::string> captures;
       for (const auto& name : {candidate.effect, candidate.confounded_with.front()})

@@ -58,6 +58,22 @@ TEST(Words, WhatNoHeldOutCaptureShowsIsSaidWithTheCaptureToRecord) {
   EXPECT_THAT(diagnosis.headline, Not(HasSubstr("low_signal_dropout"))) << "it is no finding";
 }
 
+TEST(Words, WhatExplainsMostIsNamedFirstAndWhatExplainsLittleIsNoCause) {
+  Diagnosis most = one_added(0.61, 0.08);
+  most.verdict = Verdict::unknown_effect;
+  most.unexplained.resize(1);
+  most.unexplained[0].segment = "spectrum";
+  Diagnosis little = most;
+  little.ladder[1].score.heldout = 1.72;  // two thirds of the way from 3.14 to the floor would be 1.713
+  put_into_words(most, effect_catalogue(), {});
+  EXPECT_THAT(most.headline, HasSubstr("Most of what is missing looks like depth_offset"));
+  EXPECT_THAT(most.headline, HasSubstr("What is left no known effect explains; it shows in spectrum"));
+  EXPECT_THAT(most.reasons, Not(Contains(HasSubstr("for the cause"))));
+  put_into_words(little, effect_catalogue(), {});
+  EXPECT_THAT(little.headline, Not(HasSubstr("depth_offset")));
+  EXPECT_THAT(little.reasons, Contains(HasSubstr("Do not take it for the cause")));
+}
+
 Refined gains(double train, double test, double shown_on_test) {
   Refined refined;
   refined.train_gain = train;
