@@ -13,6 +13,7 @@
 #include "diagnose/adding.h"
 #include "diagnose/choice.h"
 #include "diagnose/edge_registration.h"
+#include "diagnose/findings.h"
 #include "diagnose/mask_fit.h"
 #include "diagnose/score.h"
 #include "diagnose/settle.h"
@@ -22,21 +23,8 @@
 namespace binrig {
 namespace {
 
-constexpr double leaves_little = 1.3;      // dispersion up to which places and masks are looked after
-constexpr double close_behind = 0.9;       // share of the best one's gain
-constexpr double clearly_better = 0.01;    // of a proper score
-constexpr std::size_t most_exchanged = 2;  // of those that come so close
-
-CandidateReport report_of(const Refined& refined, int null_count) {
-  CandidateReport report;
-  report.effect = refined.effect;
-  report.id = refined.id;
-  report.p = refined.p;
-  report.null_count = null_count;
-  report.evidence = refined.test_gain;
-  report.train_gain = refined.train_gain;
-  return report;
-}
+constexpr double leaves_little = 1.3;    // dispersion up to which places and masks are looked after
+constexpr double clearly_better = 0.01;  // of a proper score
 
 class Climb {
  public:
@@ -50,7 +38,8 @@ class Climb {
         most_effects_(options.most_effects),
         seed_(options.seed),
         catalogue_(experiment.forward().catalogue()),
-        adding_(experiment, motions, measured, model, options.seed) {
+        adding_(experiment, motions, measured, model, options.seed),
+        findings_(experiment, motions, all, search_options_, options.seed) {
     climbed_.options.simulations = options.simulations;
     climbed_.options.converged_far_off = 0.01;
     climbed_.options.seed = options.seed * 100000;
@@ -172,22 +161,24 @@ class Climb {
     book_->look_at(worth_it, true);
   }
 
+  /// Until the ladder grows, even if it shrinks again: that moves all rungs.
+  const Rung& last() const { return climbed_.rungs.back(); }
+
   /// Adds the best hypothesis and fits everything again; false if there is none, or if it lowers no held-out score.
   bool step_up() {
     if (take_waiting()) return true;
-    const Rung& rung = climbed_.rungs.back();
-    look_closer(rung);
+    look_closer(last());
     const auto [hypotheses, signatures] = left(*book_);
     const SearchResult found = search(
-        experiment_, motions_, rung, measured_, hypotheses, signatures,
+        experiment_, motions_, last(), measured_, hypotheses, signatures,
         Standing{!climbed_.evidence.accepted.empty(), bent()}, [this] { return beginning(); }, search_options_);
     if (climbed_.ranking.empty())
       for (std::size_t h = 0; h < hypotheses.tested.size(); ++h)
-        climbed_.ranking.push_back(
-            {hypotheses.tested[h].effect, found.linear[h].gain / rung.dispersion, found.prices[h], found.p_values[h]});
+        climbed_.ranking.push_back({hypotheses.tested[h].effect, found.linear[h].gain / last().dispersion,
+                                    found.prices[h], found.p_values[h]});
     if (tracing()) {
       fmt::print(stderr, "step {} gate {:.1f} dispersion {:.2f}\n", climbed_.rungs.size() - 1, found.gate,
-                 rung.dispersion);
+                 last().dispersion);
       for (const auto& r : found.refined)
         fmt::print(stderr, "  {} linear {:.1f} price {:.1f} gate {:.1f} train {:.1f} test {:.1f}\n", r.effect,
                    r.linear_gain, r.price, r.gate, r.train_gain, r.test_gain);
@@ -197,81 +188,26 @@ class Climb {
       climbed_.unconfirmed.push_back({candidate->effect, capture_name(experiment_, candidate->shown_in)});
     auto proven = found.accepted(search_options_), worthy = found.worthy(search_options_);
     const bool beside_proven = !proven.empty() && worthy.size() > proven.size();
-    leave_trifles(rung, worthy);
+    say(findings_.leave_trifles(last(), worthy));
     const auto take_best_of = [&](const std::vector<const Refined*>& of) {
       if (of.empty()) return false;
+      const Rung& rung = last();
       auto [best, next, beaten] = choose(rung, of, signatures);
       // Where many are missing, each of these explains its own: they wait, and nothing is looked for in between.
       if (rung.dispersion > many_missing)
-        for (const Refined* other : standing_beside(rung, *best, of)) waiting_.push_back(found_as(*other, rung, found));
+        for (const Refined* other : standing_beside(rung, *best, of))
+          waiting_.push_back(findings_.of(*other, rung, found));
       const bool unproven = std::ranges::find(proven, best) == proven.end();
-      return take(found_as(*best, rung, found, beaten), std::move(next), unproven);
+      return take(findings_.of(*best, rung, found, beaten), std::move(next), unproven);
     };
     if (take_best_of(worthy) || take_waiting()) return true;
     if (!beside_proven) return false;
-    leave_trifles(rung, proven);
+    say(findings_.leave_trifles(last(), proven));
     return take_best_of(proven) || take_waiting();
   }
 
-  /// Takes out those that are no finding though chance does not explain them: where nothing is unexplained, one that is
-  /// weaker than any real instrument shows it stands in for the details in which model and instrument differ.
-  void leave_trifles(const Rung& rung, std::vector<const Refined*>& worthy) {
-    const auto declaration = [&](const Refined* refined) -> const EffectDeclaration& {
-      return *all_.tested[tested(*refined)].declaration;
-    };
-    const auto strength = [&](const Refined* refined) {
-      return refined->model.find(refined->id)->value(declaration(refined).amplitude);
-    };
-    const auto trifling = [&](const Refined* refined) {
-      return declaration(refined).parameter(declaration(refined).amplitude) &&
-             hardly_there(declaration(refined), strength(refined));
-    };
-    const auto first = std::ranges::find_if(worthy, trifling);
-    if (first == worthy.end() || !unexplained(experiment_.layout(), rung).empty()) return;
-    const ParameterSpec& spec = *declaration(*first).parameter(declaration(*first).amplitude);
-    climbed_.warnings.push_back(fmt::format(
-        "a trace of {} is there ({} {:.2g}{}), but less than half of what the weakest instruments show ({:.2g}), and "
-        "without it nothing is unexplained: it was left out",
-        (*first)->effect, spec.name, strength(*first), spec.unit == "1" ? "" : " " + spec.unit, spec.typical_low));
-    std::erase_if(worthy, trifling);
-  }
-
-  /// A hypothesis that a search accepted, and what is said of it.
-  struct Found {
-    Refined refined;
-    CandidateReport report;
-    Evidence::Accepted accepted;
-    std::vector<Refined> close;  ///< what explains nearly as much of the same on train
-  };
-  /// `beaten`, if given, is no rival.
-  Found found_as(const Refined& refined, const Rung& rung, const SearchResult& found,
-                 const Refined* beaten = nullptr) const {
-    Found result{refined,
-                 report_of(refined, static_cast<int>(rung.nulls.size())),
-                 {refined.effect, false, refined.random_map, {}},
-                 {}};
-    auto& [copy, report, accepted, close] = result;
-    accepted.map = all_.tested[tested(refined)].declaration->per_unit_map;
-    for (const auto& rival : found.refined)
-      if (rival.effect != refined.effect && !(beaten && rival.effect == beaten->effect) &&
-          rival.test_gain > search_options_.least_test_gain &&
-          std::find(accepted.rivals.begin(), accepted.rivals.end(), rival.effect) == accepted.rivals.end() &&
-          confounded(rung, refined, rival))
-        accepted.rivals.push_back(rival.effect);
-    for (const Refined& other : found.refined)
-      if (other.effect != refined.effect && !other.held && !refined.held && close.size() < most_exchanged &&
-          other.train_gain > close_behind * refined.train_gain && moves_the_same(rung, refined, other) &&
-          std::ranges::find(close, other.effect, &Refined::effect) == close.end())
-        close.push_back(other);
-    report.confounded_with = accepted.rivals;
-    if (accepted.rivals.empty()) return result;
-    std::vector<LookAlike> rivals;
-    for (const std::string& name : accepted.rivals) {
-      const Refined& rival = *std::ranges::find(found.refined, name, &Refined::effect);
-      rivals.push_back({rival.model, rival.id, rival.fit});
-    }
-    seek_captures(report, rung, {refined.model, refined.id, refined.fit}, rivals);
-    return result;
+  void say(const std::string& warning) {
+    if (!warning.empty()) climbed_.warnings.push_back(warning);
   }
 
   /// Puts what was found on the ladder with its rung; false if that makes it no better.
@@ -297,19 +233,19 @@ class Climb {
     const auto& added = climbed_.evidence.accepted;
     if (std::ranges::find(added, other.effect, &Evidence::Accepted::effect) != added.end()) return;
     CandidateReport& candidate = climbed_.candidates[k];
-    const Rung& last = climbed_.rungs.back();
+    const Rung& rung = last();
     auto& rivals = climbed_.evidence.accepted[k].rivals;
     const bool named = std::ranges::find(rivals, other.effect) != rivals.end();
-    if (named && unexplained(experiment_.layout(), last).empty()) return;  // there is nothing that it could do better
+    if (named && unexplained(experiment_.layout(), rung).empty()) return;  // there is nothing that it could do better
     Refined hypothesis = other;
-    hypothesis.model = without_effect(last.model, candidate.id);
+    hypothesis.model = without_effect(rung.model, candidate.id);
     EffectInstance& instance = add_effect(hypothesis.model, catalogue_, other.effect);
     instance.values = other.model.find(other.id)->values;
     hypothesis.id = instance.id;
     // What moves the same leaves all else where it is.
-    Rung next = adding_.to(last, hypothesis, climbed_.options, false);
+    Rung next = adding_.to(rung, hypothesis, climbed_.options, false);
     finish(next, climbed_.options);
-    const auto [before, after] = left_by(last, next);
+    const auto [before, after] = left_by(rung, next);
     if (tracing())
       fmt::print(stderr, "  {} for {}: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", other.effect,
                  candidate.effect, before.heldout, after.heldout, before.proper_score, after.proper_score);
@@ -318,16 +254,17 @@ class Climb {
       rivals.push_back(other.effect);
       candidate.confounded_with = rivals;
       if (rivals.size() == 1)
-        seek_captures(candidate, last, {last.model, candidate.id, last.fit}, {{next.model, hypothesis.id, next.fit}});
+        findings_.seek_captures(candidate, rung, {rung.model, candidate.id, rung.fit},
+                                {{next.model, hypothesis.id, next.fit}});
       return;
     }
     climbed_.rungs.push_back(std::move(next));
     climbed_.added.push_back(other.effect);
     climbed_.removed.resize(climbed_.rungs.size());
     climbed_.removed.back() = candidate.effect;
-    candidate = report_of(hypothesis, candidate.null_count);
+    candidate = findings_.report_of(hypothesis, candidate.null_count);
     climbed_.evidence.accepted[k] = {
-        other.effect, all_.tested[tested(other)].declaration->per_unit_map, other.random_map, {}};
+        other.effect, findings_.hypothesis(other).declaration->per_unit_map, other.random_map, {}};
   }
 
   /// Adds the first of those waiting that still makes the ladder better; false if none does.
@@ -335,7 +272,7 @@ class Climb {
     while (!waiting_.empty()) {
       Found found = std::move(waiting_.front());
       waiting_.erase(waiting_.begin());
-      const Rung& rung = climbed_.rungs.back();
+      const Rung& rung = last();
       SensorModel model = rung.model;
       add_effect(model, catalogue_, found.refined.effect).values = found.refined.model.find(found.refined.id)->values;
       found.refined.model = std::move(model);
@@ -358,14 +295,14 @@ class Climb {
     // back.
     const auto left = unexplained(experiment_.layout(), next);
     const bool swapped =
-        has_tone(*all_.tested[tested(*best)].declaration) ? !left.empty() : left.contains({"intrinsics", true});
+        has_tone(*findings_.hypothesis(*best).declaration) ? !left.empty() : left.contains({"intrinsics", true});
     if (swapped)
-      if (auto other = adding_.to_the_given(rung, all_.tested[tested(*best)], climbed_.options);
+      if (auto other = adding_.to_the_given(rung, findings_.hypothesis(*best), climbed_.options);
           other && unexplained(experiment_.layout(), *other).size() < left.size())
         next = std::move(*other);
     const auto second =
         std::find_if(worthy.begin(), worthy.end(), [&](const Refined* other) { return other->effect != best->effect; });
-    if (second == worthy.end() || (*second)->score() <= close_behind * best->score() ||
+    if (second == worthy.end() || (*second)->score() <= search_options_.close_behind * best->score() ||
         (rung.dispersion > many_missing && !standing_beside(rung, *best, {*second}).empty()))
       return {best, std::move(next)};
     const Refined* runner_up = *second;
@@ -388,7 +325,7 @@ class Climb {
   double left_for(const Refined& refined, const Rung& rung, const std::vector<Signature>& signatures) const {
     Hypotheses one;
     std::vector<Signature> its;
-    one.tested.push_back(all_.tested[tested(refined)]);
+    one.tested.push_back(findings_.hypothesis(refined));
     for (const Signature& signature : signatures)
       if (signature.hypothesis == refined.hypothesis) its.push_back(signature), its.back().hypothesis = 0;
     return Ranking(experiment_, rung, one, its).gains(rung.rest, rung.nuisances)[0].gain / rung.dispersion -
@@ -430,30 +367,6 @@ class Climb {
     return false;
   }
 
-  /// Captures that would tell an effect from all of those that it is confounded with; if there are none, from one.
-  void seek_captures(CandidateReport& report, const Rung& rung, const LookAlike& best,
-                     const std::vector<LookAlike>& rivals) const {
-    constexpr std::size_t most = 3;
-    report.sought_captures = true;
-    const auto found = [&](const std::vector<std::string>& names, const std::vector<LookAlike>& against) {
-      report.told_from = names;
-      report.would_separate = captures_that_separate(experiment_, motions_, rung, best, against, seed_ * 3001);
-      // Of each target the place that says most: together they say more than one in several places.
-      std::set<int> named;
-      std::erase_if(report.would_separate, [&](const AdvisedCapture& a) { return !named.insert(a.capture).second; });
-      report.would_separate.resize(std::min(report.would_separate.size(), most));
-      return !report.would_separate.empty();
-    };
-    if (found(report.confounded_with, rivals) || rivals.size() == 1) return;
-    for (std::size_t k = 0; k < rivals.size(); ++k)
-      if (found({report.confounded_with[k]}, {rivals[k]})) return;
-  }
-
-  /// Index into all hypotheses of a refined one's.
-  std::size_t tested(const Refined& refined) const {
-    return std::ranges::find(all_.tested, refined.effect, &Hypothesis::effect) - all_.tested.begin();
-  }
-
   const Experiment& experiment_;
   const std::vector<SceneMotion>& motions_;
   const Measurement& measured_;
@@ -462,8 +375,9 @@ class Climb {
   const int most_effects_;
   const std::uint64_t seed_;
   const EffectCatalogue& catalogue_;
-  const Adding adding_;
   const SearchOptions search_options_;
+  const Adding adding_;
+  const Findings findings_;
   std::optional<SignatureBook> book_, book_as_given_;
   std::vector<bool> looked_closely_;         // by hypothesis
   std::vector<Found> waiting_;               // best first

@@ -1,0 +1,55 @@
+// What is said of a hypothesis that a search accepted: what looks the same, and what to capture to tell them apart.
+#pragma once
+
+#include "diagnose/advice.h"
+#include "diagnose/diagnose.h"
+#include "diagnose/search_result.h"
+#include "diagnose/verdict.h"
+
+namespace binrig {
+
+struct Found {
+  Refined refined;
+  CandidateReport report;
+  Evidence::Accepted accepted;
+  std::vector<Refined> close;  ///< what explains nearly as much of the same on train, at most two
+};
+
+/// Makes a `Found` of what a search found.
+class Findings {
+ public:
+  /// Keeps references; `seed` keys the simulations of captures that would separate.
+  Findings(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Hypotheses& all,
+           const SearchOptions& options, std::uint64_t seed)
+      : experiment_(experiment), motions_(motions), all_(all), options_(options), seed_(seed) {}
+
+  /// `refined`, of `found`, which was looked for beside `rung`. Rivals are what `confounded` says of the others;
+  /// `beaten`, if given, is none. Throws what simulating throws.
+  Found of(const Refined& refined, const Rung& rung, const SearchResult& found, const Refined* beaten = nullptr) const;
+
+  /// Of a hypothesis, without rivals.
+  CandidateReport report_of(const Refined& refined, int null_count) const;
+
+  /// Puts captures into `report` that would tell `best` from all `rivals` (of `report.confounded_with`, in this order)
+  /// when recorded together, at most three of different targets; if there are none, those for one of the rivals. Throws
+  /// what simulating throws.
+  void seek_captures(CandidateReport& report, const Rung& rung, const LookAlike& best,
+                     const std::vector<LookAlike>& rivals) const;
+
+  /// The hypothesis that was refined.
+  const Hypothesis& hypothesis(const Refined& refined) const;
+
+  /// Takes out those that are no finding though chance does not explain them: where nothing is unexplained beside
+  /// `rung`, one that is weaker than any real instrument shows it stands in for the details in which model and
+  /// instrument differ. Says so; "" if all stay.
+  std::string leave_trifles(const Rung& rung, std::vector<const Refined*>& worthy) const;
+
+ private:
+  const Experiment& experiment_;
+  const std::vector<SceneMotion>& motions_;
+  const Hypotheses& all_;
+  const SearchOptions& options_;
+  const std::uint64_t seed_;
+};
+
+}  // namespace binrig
