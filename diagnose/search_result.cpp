@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include <fmt/format.h>
 
@@ -98,7 +99,9 @@ bool moves_the_same(const Rung& rung, const Refined& a, const Refined& b) {
 }
 
 bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
-  constexpr double clearly_lost = 0.25;  // of what the better one gains
+  constexpr double clearly_lost = 0.25;                         // of what the better one gains
+  constexpr double by_chance = 9;                               // of chi: three standard deviations
+  constexpr double mostly_in_common = std::numbers::sqrt2 / 2;  // half of what they move, squared
   // Were a the truth, b would lose by D +- 2 sqrt(D), D their squared distance; were b the truth it would win by as
   // much. The data decide unless D is within two standard deviations of nothing, or the loss is.
   // What could not prove itself on the captures held out, where a target may stand wrong without it, is judged by those
@@ -112,12 +115,15 @@ bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
     fmt::print(stderr, "  {} over {}: {:.1f}, squared distance {:.1f}, cosine {:.3f}\n", a.effect, b.effect, lost,
                s.distance2, s.cosine);
   // Fits end where depth edges happen to meet the pixels, and the one with more freedom finds the better place. Where
-  // signatures, which all stand at the same place, say the opposite, a narrow win proves nothing.
+  // signatures, which all stand at the same place, do not clearly say the same, a narrow win proves nothing.
   // Unless the two move nothing in common: then each explains its own, and both are missing.
-  const bool views_disagree = b.linear_gain - b.price > a.linear_gain - a.price && std::abs(s.cosine) >= in_common;
+  const double linear = a.linear_gain - a.price, other_linear = b.linear_gain - b.price;
+  const bool views_differ =
+      (other_linear > linear && std::abs(s.cosine) >= in_common) ||
+      (other_linear > by_chance && other_linear > linear - by_chance && s.cosine > mostly_in_common);
   // And nobody simulates an effect to better than a hundredth of what it does.
-  return lost < 9 || (s.cosine > 0.9 && lost < 2 * std::sqrt(s.distance2)) ||
-         (s.cosine > 0.99 && lost < 0.01 * gained(a)) || (views_disagree && lost < clearly_lost * gained(a));
+  return lost < by_chance || (s.cosine > 0.9 && lost < 2 * std::sqrt(s.distance2)) ||
+         (s.cosine > 0.99 && lost < 0.01 * gained(a)) || (views_differ && lost < clearly_lost * gained(a));
 }
 
 std::vector<const Refined*> standing_beside(const Rung& rung, const Refined& best,

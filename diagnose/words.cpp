@@ -34,6 +34,9 @@ std::string fall(const Diagnosis& diagnosis) {
   return text;
 }
 
+/// Effects of no catalogue were mimicked up to three quarters by what the catalogue has.
+constexpr double most_of_it = 0.8;
+
 /// The share of the held-out error above the floor that the ladder takes away.
 double share_explained(const Diagnosis& diagnosis) {
   if (diagnosis.ladder.size() < 2) return 0;
@@ -64,7 +67,7 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
       break;
     case Verdict::unknown_effect: {
       const std::string where = segments.empty() ? "" : "; it shows in " + list(segments);
-      if (share_explained(diagnosis) > 2.0 / 3) {
+      if (share_explained(diagnosis) > most_of_it) {
         diagnosis.headline =
             fmt::format("Most of what is missing looks like {}: {}. What is left no known effect explains{}.",
                         list(names), fall(diagnosis), where);

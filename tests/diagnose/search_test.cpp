@@ -58,6 +58,19 @@ TEST(Confounded, ANarrowWinProvesNothingWhereSignaturesSayTheOpposite) {
   EXPECT_FALSE(pair.confounded());
 }
 
+TEST(Confounded, NorWhereSignaturesOfWhatMovesMostlyTheSameCannotTell) {
+  Pair pair(400, 330, 15);
+  pair.other.change[3] = 16;  // cosine 0.73
+  pair.better.linear_gain = 208, pair.other.linear_gain = 200;
+  EXPECT_TRUE(pair.confounded());
+  pair.better.linear_gain = 210;  // ten behind
+  EXPECT_FALSE(pair.confounded());
+  pair.better.linear_gain = 208, pair.other.change[3] = 14;  // cosine 0.68
+  EXPECT_FALSE(pair.confounded());
+  pair.better.linear_gain = 6, pair.other.linear_gain = 5, pair.other.change[3] = 16;  // signatures see neither
+  EXPECT_FALSE(pair.confounded());
+}
+
 TEST(Confounded, WhatMovesNothingInCommonIsMissingItselfHoweverMuchItGains) {
   Pair pair(400, 330, 15);
   pair.better.linear_gain = 200, pair.other.linear_gain = 300;
