@@ -226,7 +226,9 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
   Seeker seeker(descent, experiment, options);
   descent.run();
   if (seeker.scan()) descent.run();
-  if (descent.now().dispersion <= options.probe_within && seeker.probe()) descent.run();
+  const double left =
+      std::min(descent.now().dispersion, left_by_most_captures(experiment.layout(), descent.now().residual));
+  if (left <= options.probe_within && seeker.probe()) descent.run();
   return std::move(descent).result();
 }
 

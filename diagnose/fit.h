@@ -65,7 +65,7 @@ struct FitOptions {
   std::vector<std::string> scan_ids;
   /// Strengths of what touches few captures (masks) are tried far and near where the descent ends, and what moved
   /// nothing is tried far: what moves pixel after pixel has valleys between which slopes do not lead. Only where the
-  /// dispersion there is no larger than this; 0 = not at all.
+  /// dispersion there, or what most captures leave, is no larger than this; 0 = not at all.
   double probe_within = 0;
   std::vector<std::string> fixed;  ///< parameters of theirs, by id.name, that stay
   /// Of this instance, narrow parameters are sought over the whole typical range, unless it has a phase: a period is

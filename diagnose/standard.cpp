@@ -240,4 +240,21 @@ double misfit_by_blocks(const Layout& layout, const Whitened& residual) {
   return blocks > 0 ? known * sum / blocks : 0;
 }
 
+double left_by_most_captures(const Layout& layout, const Whitened& residual) {
+  std::vector<double> square(layout.captures, 0), known(layout.captures, 0);
+  for (const Block& block : layout.blocks) {
+    if (segments()[block.segment].name == "bias") continue;
+    const Eigen::Map<const Eigen::VectorXf> rest(residual.data() + block.offset, block.size);
+    square[block.capture] += rest.squaredNorm();
+    known[block.capture] += static_cast<double>((rest.array() != 0).count());
+  }
+  std::vector<double> left;
+  for (int c = 0; c < layout.captures; ++c)
+    if (known[c] > 0) left.push_back(square[c] / known[c]);
+  if (left.empty()) return 0;
+  const auto middle = left.begin() + static_cast<std::ptrdiff_t>(left.size() / 2);
+  std::ranges::nth_element(left, middle);
+  return *middle;
+}
+
 }  // namespace binrig

@@ -67,4 +67,8 @@ double dot(const Whitened& a, const Whitened& b);
 /// together, so that a hundredth of a large map counts less than half of a few lines. 0 if nothing is known.
 double misfit_by_blocks(const Layout& layout, const Whitened& residual);
 
+/// Mean square of the capture in the middle, bias left out; 0 if nothing is known. Where few captures are far from the
+/// model, this is what all the others leave.
+double left_by_most_captures(const Layout& layout, const Whitened& residual);
+
 }  // namespace binrig

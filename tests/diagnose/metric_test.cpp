@@ -110,6 +110,24 @@ TEST(Standard, MapsThatMoveAsWholesSayHowStrongNoiseIsOnlyOnce) {
   EXPECT_EQ(std::count(y.begin(), y.end(), 0.f), layout.size - 1);
 }
 
+TEST(LeftByMostCaptures, IsWhatTheOneInTheMiddleLeavesBesideItsBias) {
+  Layout layout;
+  int bias = 0;
+  while (segments()[bias].name != "bias") ++bias;
+  const int other = bias == 0 ? 1 : 0;
+  for (int c = 0; c < 4; ++c) {
+    layout.blocks.push_back({c, bias, layout.size, 10, 1, 10, true});
+    layout.blocks.push_back({c, other, layout.size + 10, 4, 1, 4, true});
+    layout.size += 14;
+  }
+  layout.captures = 4;
+  Whitened rest(layout.size, 0.f);
+  EXPECT_EQ(left_by_most_captures(layout, rest), 0);
+  for (int c = 0; c < 3; ++c)  // nothing is known of the fourth
+    for (int i = 0; i < 14; ++i) rest[14 * c + i] = i < 10 ? 50.f : static_cast<float>(c == 1 ? 9 : c + 1);
+  EXPECT_NEAR(left_by_most_captures(layout, rest), 9, 1e-6);  // 1, 81 and 9
+}
+
 TEST(MisfitByBlocks, LinesOfAFewElementsWeighMoreThanAHairOnALargeMap) {
   const Layout layout = small_layout();
   // Train: the map at a mean square of 9, the five lines at 100. Nothing is known of the capture held out.
@@ -311,7 +329,8 @@ TEST(Metric, OneThatIsHeldIsNoNuisance) {
 
 TEST(Metric, OnAnotherScaleItIsThatOfTheRowsOnThatScale) {
   const Layout layout = small_layout();
-  std::vector<NuisanceRow> rows{{normals(layout.size, 1), 0}, {normals(layout.size, 2), 1}, {normals(layout.size, 3), -1}};
+  std::vector<NuisanceRow> rows{
+      {normals(layout.size, 1), 0}, {normals(layout.size, 2), 1}, {normals(layout.size, 3), -1}};
   const auto changed = [&](const Whitened& y) {  // every block by the sum of its elements
     Whitened result = y;
     for (const Block& block : layout.blocks) {
@@ -326,7 +345,8 @@ TEST(Metric, OnAnotherScaleItIsThatOfTheRowsOnThatScale) {
   const Metric train(layout, Part::train, rows), expected(layout, Part::train, rows_changed);
   const Metric test(layout, Part::test, rows, train.global_posterior()),
       test_expected(layout, Part::test, rows_changed, expected.global_posterior());
-  const Metric train_changed = train.on_scale(changed), test_changed = test.on_scale(changed, expected.global_posterior());
+  const Metric train_changed = train.on_scale(changed),
+               test_changed = test.on_scale(changed, expected.global_posterior());
   const Whitened y = normals(layout.size, 20);
   ASSERT_GT(std::abs(train.explain(y).chi - expected.explain(y).chi), 1);
   EXPECT_NEAR(train_changed.explain(y).chi, expected.explain(y).chi, 1e-4);

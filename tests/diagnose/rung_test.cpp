@@ -46,6 +46,14 @@ TEST(FitRung, FindsAWidthThatLiesBetweenTwoPixels) {
   EXPECT_NEAR(found.value("probability"), 0.65, 2.5 * half[probability]);  // five standard deviations
 }
 
+TEST(FitRung, FindsAThresholdThatOneCaptureOnlyIsBeyondHoweverFarItIsFromTheModel) {
+  // The tilted plane is gone in the recording and there in the model; all others say nothing of the threshold.
+  const Case c(model_with("low_confidence", {{"threshold", 40}}), model_with("low_confidence", {{"threshold", 58}}));
+  const Rung rung = c.fitted({.simulations = 16});
+  EXPECT_LT(rung.dispersion, 1.5);
+  EXPECT_LT(rung.model.find("low_confidence")->value("threshold"), 45);
+}
+
 TEST(FitRung, FindsAWholeNumberThatAnotherParameterMadeUpFor) {
   // In a window that is too small a longer reach smooths as much: from there the right window alone is worse.
   const auto blur = [](double diameter, double sigma_px) {
