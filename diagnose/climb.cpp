@@ -80,8 +80,10 @@ class Climb {
     const SensorModel& near = first.dispersion > search_options_.astray ? given_ : first.model;
     book_.emplace(experiment_, signature_model(given_, near, catalogue_), all_, SignatureOptions{.seed = seed_ * 7001});
     book_->look_at(everyone(), false);
-    while (static_cast<int>(climbed_.evidence.accepted.size()) < most_effects_ && step_up()) {
+    const auto full = [&] { return static_cast<int>(climbed_.evidence.accepted.size()) >= most_effects_; };
+    while (!full() && step_up()) {
     }
+    climbed_.as_many_as_allowed = full();
     climbed_.removed.resize(climbed_.rungs.size());
     take_out_superfluous(experiment_, motions_, measured_, climbed_);
   }

@@ -15,6 +15,7 @@ struct Climbed {
   std::vector<LinearRank> ranking;          ///< all hypotheses, beside the model given
   std::vector<Unconfirmed> unconfirmed;     ///< beside the last model
   std::vector<std::string> warnings;        ///< what was tried and taken out again
+  bool as_many_as_allowed = false;          ///< were added: beside them nothing was looked for
 };
 
 /// Fits `model`, adds the best of the hypotheses as long as one lowers the error on captures held out, and takes out

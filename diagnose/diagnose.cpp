@@ -219,6 +219,7 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
         scene_motions(experiment, model, registration_prior(forward.set(), experiment.nominal(0).camera));
     Climbed climbed = climb(experiment, motions, measured, model, all, options);
     diagnosis.ranking = std::move(climbed.ranking);
+    diagnosis.as_many_as_allowed = climbed.as_many_as_allowed;
     diagnosis.unconfirmed = std::move(climbed.unconfirmed);
     diagnosis.candidates = std::move(climbed.candidates);
     std::move(climbed.warnings.begin(), climbed.warnings.end(), std::back_inserter(diagnosis.warnings));

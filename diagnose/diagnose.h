@@ -104,6 +104,7 @@ struct Diagnosis {
   std::vector<Untested> untested;
   std::vector<Unconfirmed> unconfirmed;
   std::vector<Unexplained> unexplained;
+  bool as_many_as_allowed = false;  ///< effects were added: beside them nothing was looked for
   std::vector<std::string> advice;
   std::vector<LadderStep> ladder;
   SensorModel improved;  ///< last model, with intervals and provenance

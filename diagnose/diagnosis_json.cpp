@@ -59,6 +59,7 @@ std::string diagnosis_json(const Diagnosis& diagnosis) {
     }
     out["candidates"].push_back(entry);
   }
+  out["as_many_as_allowed"] = diagnosis.as_many_as_allowed;
   out["unconfirmed"] = json::array();
   for (const auto& entry : diagnosis.unconfirmed)
     out["unconfirmed"].push_back({{"effect", entry.effect}, {"capture", entry.capture}});
