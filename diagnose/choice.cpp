@@ -15,6 +15,13 @@ constexpr double told_apart = 0.1;  // dispersion: of ten thousand statistics an
 
 }  // namespace
 
+double unexplained_excess(const std::vector<SegmentFit>& fits) {
+  double excess = 0;
+  for (const SegmentFit& fit : fits)
+    if (fit.significant()) excess += fit.excess;
+  return excess;
+}
+
 Choice choose(const Contender& best, const Contender& runner_up, double least_gain) {
   const auto ahead = [](const Contender& winner, const Contender& loser) {
     return winner.dispersion <= leaves_something && loser.dispersion > winner.dispersion + told_apart;
@@ -27,7 +34,8 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
   const double left_by_best = best.left_for_other(), left_by_other = runner_up.left_for_other();
   if (tracing()) fmt::print(stderr, "  left for the other: {:.1f}, by it {:.1f}\n", left_by_best, left_by_other);
   if (std::abs(left_by_best - left_by_other) > least_gain) return {left_by_other < left_by_best, true};
-  const std::size_t by_best = best.unexplained().size(), by_other = runner_up.unexplained().size();
+  const double by_best = best.unexplained(), by_other = runner_up.unexplained();
+  if (tracing()) fmt::print(stderr, "  unexplained by {:.2f}, by {:.2f}\n", by_best, by_other);
   return {by_best == by_other ? left_by_other < left_by_best : by_other < by_best, false};
 }
 

@@ -11,9 +11,9 @@
 #include <fmt/ranges.h>
 
 #include "diagnose/adding.h"
+#include "diagnose/candidates.h"
 #include "diagnose/choice.h"
 #include "diagnose/edge_registration.h"
-#include "diagnose/findings.h"
 #include "diagnose/mask_fit.h"
 #include "diagnose/score.h"
 #include "diagnose/settle.h"
@@ -39,7 +39,7 @@ class Climb {
         seed_(options.seed),
         catalogue_(experiment.forward().catalogue()),
         adding_(experiment, motions, measured, model, options.seed),
-        findings_(experiment, motions, all, search_options_, options.seed) {
+        candidates_(experiment, motions, all, search_options_, options.seed) {
     climbed_.options.simulations = options.simulations;
     climbed_.options.converged_far_off = 0.01;
     climbed_.options.seed = options.seed * 100000;
@@ -190,7 +190,7 @@ class Climb {
       climbed_.unconfirmed.push_back({candidate->effect, capture_name(experiment_, candidate->shown_in)});
     auto proven = found.accepted(search_options_), worthy = found.worthy(search_options_);
     const bool beside_proven = !proven.empty() && worthy.size() > proven.size();
-    say(findings_.leave_trifles(last(), worthy));
+    say(candidates_.leave_trifles(last(), worthy));
     const auto take_best_of = [&](const std::vector<const Refined*>& of) {
       if (of.empty()) return false;
       const Rung& rung = last();
@@ -198,13 +198,13 @@ class Climb {
       // Where many are missing, each of these explains its own: they wait, and nothing is looked for in between.
       if (rung.dispersion > many_missing)
         for (const Refined* other : standing_beside(rung, *best, of))
-          waiting_.push_back(findings_.of(*other, rung, found));
+          waiting_.push_back(candidates_.of(*other, rung, found));
       const bool unproven = std::ranges::find(proven, best) == proven.end();
-      return take(findings_.of(*best, rung, found, beaten), std::move(next), unproven);
+      return take(candidates_.of(*best, rung, found, beaten), std::move(next), unproven);
     };
     if (take_best_of(worthy) || take_waiting()) return true;
     if (!beside_proven) return false;
-    say(findings_.leave_trifles(last(), proven));
+    say(candidates_.leave_trifles(last(), proven));
     return take_best_of(proven) || take_waiting();
   }
 
@@ -256,17 +256,17 @@ class Climb {
       rivals.push_back(other.effect);
       candidate.confounded_with = rivals;
       if (rivals.size() == 1)
-        findings_.seek_captures(candidate, rung, {rung.model, candidate.id, rung.fit},
-                                {{next.model, hypothesis.id, next.fit}});
+        candidates_.seek_captures(candidate, rung, {rung.model, candidate.id, rung.fit},
+                                  {{next.model, hypothesis.id, next.fit}});
       return;
     }
     climbed_.rungs.push_back(std::move(next));
     climbed_.added.push_back(other.effect);
     climbed_.removed.resize(climbed_.rungs.size());
     climbed_.removed.back() = candidate.effect;
-    candidate = findings_.report_of(hypothesis, candidate.null_count);
+    candidate = candidates_.report_of(hypothesis, candidate.null_count);
     climbed_.evidence.accepted[k] = {
-        other.effect, findings_.hypothesis(other).declaration->per_unit_map, other.random_map, {}};
+        other.effect, candidates_.hypothesis(other).declaration->per_unit_map, other.random_map, {}};
   }
 
   /// Adds the first of those waiting that still makes the ladder better; false if none does.
@@ -297,9 +297,9 @@ class Climb {
     // back.
     const auto left = unexplained(experiment_.layout(), next);
     const bool swapped =
-        has_tone(*findings_.hypothesis(*best).declaration) ? !left.empty() : left.contains({"intrinsics", true});
+        has_tone(*candidates_.hypothesis(*best).declaration) ? !left.empty() : left.contains({"intrinsics", true});
     if (swapped)
-      if (auto other = adding_.to_the_given(rung, findings_.hypothesis(*best), climbed_.options);
+      if (auto other = adding_.to_the_given(rung, candidates_.hypothesis(*best), climbed_.options);
           other && unexplained(experiment_.layout(), *other).size() < left.size())
         next = std::move(*other);
     const auto second =
@@ -312,7 +312,7 @@ class Climb {
     const auto contender = [&](const Rung& with, const Refined& beside) {
       return Contender{with.dispersion, proper_score(experiment_.layout(), with),
                        [&] { return left_for(beside, with, signatures); },
-                       [&] { return unexplained(experiment_.layout(), with); }};
+                       [&] { return unexplained_excess(goodness_of_fit(experiment_.layout(), with)); }};
     };
     const Contender first = contender(next, *runner_up), follower = contender(other, *best);
     if (tracing())
@@ -327,7 +327,7 @@ class Climb {
   double left_for(const Refined& refined, const Rung& rung, const std::vector<Signature>& signatures) const {
     Hypotheses one;
     std::vector<Signature> its;
-    one.tested.push_back(findings_.hypothesis(refined));
+    one.tested.push_back(candidates_.hypothesis(refined));
     for (const Signature& signature : signatures)
       if (signature.hypothesis == refined.hypothesis) its.push_back(signature), its.back().hypothesis = 0;
     return Ranking(experiment_, rung, one, its).gains(rung.rest, rung.nuisances)[0].gain / rung.dispersion -
@@ -379,7 +379,7 @@ class Climb {
   const EffectCatalogue& catalogue_;
   const SearchOptions search_options_;
   const Adding adding_;
-  const Findings findings_;
+  const Candidates candidates_;
   std::optional<SignatureBook> book_, book_as_given_;
   std::vector<bool> looked_closely_;         // by hypothesis
   std::vector<Found> waiting_;               // best first

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <set>
 
 #include <fmt/format.h>
 
@@ -96,6 +97,7 @@ class Seeker {
     FitState next = descent_.evaluate(x);
     last_probe_changed_nothing_ = next.residual == descent_.now().residual;
     if (next.chi > descent_.now().chi - two_sigma * descent_.now().dispersion) return false;
+    if (goes_everywhere(p, next)) return false;
     if (tracing()) {
       const FitParameter& parameter = descent_.parameters()[p];
       fmt::print(stderr, "  {}.{} = {:.4g}: chi {:.0f} (was {:.0f})\n", parameter.id, parameter.name,
@@ -103,6 +105,23 @@ class Seeker {
     }
     descent_.move_to(std::move(next));
     return true;
+  }
+
+  /// Does a mask that acts in few captures begin to act in nearly all because its border gets wider? What happens to
+  /// pixels at random can be made of a border that lies everywhere and anew in each frame; but that is another effect.
+  bool goes_everywhere(int p, const FitState& next) const {
+    constexpr double few = 0.5, nearly_all = 0.9;  // of the captures
+    const FitParameter& parameter = descent_.parameters()[p];
+    const EffectDeclaration& declaration = model().find(parameter.id)->declaration(catalogue_);
+    if (!declaration.reason || parameter.name == declaration.amplitude) return false;
+    if (descent_.touched_share(p) > few) return false;
+    std::set<int> known;
+    for (const Block& block : layout_.blocks)
+      if (const auto begin = next.residual.begin() + block.offset;
+          std::any_of(begin, begin + block.size, [](float r) { return r != 0; }))
+        known.insert(block.capture);
+    const auto touched = captures_that_differ(layout_, next.residual, descent_.now().residual);
+    return static_cast<double>(touched.size()) > nearly_all * static_cast<double>(known.size());
   }
 
   /// Chi. Where something else is missing, what a wrong step does to the noise that lacks it may outweigh the lines

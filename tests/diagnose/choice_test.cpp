@@ -9,14 +9,9 @@ namespace {
 
 constexpr double least_gain = 16;
 
-/// Beside it the other's signatures gain `left`, and `unexplained` statistics are no randomness.
-Contender contender(double dispersion, double proper_score, double left, int unexplained) {
-  return {dispersion, proper_score, [=] { return left; },
-          [=] {
-            Leftovers result;
-            for (int k = 0; k < unexplained; ++k) result.emplace(std::string(k + 1, 's'), true);
-            return result;
-          }};
+/// Beside it the other's signatures gain `left`, and what is no randomness is `unexplained` in all.
+Contender contender(double dispersion, double proper_score, double left, double unexplained) {
+  return {dispersion, proper_score, [=] { return left; }, [=] { return unexplained; }};
 }
 
 /// One that must not be asked what would cost time.
@@ -28,8 +23,13 @@ Contender hurried(double dispersion, double proper_score) {
           },
           [] {
             ADD_FAILURE() << "asked what is unexplained";
-            return Leftovers{};
+            return 0.0;
           }};
+}
+
+TEST(UnexplainedExcess, IsOfWhatIsSignificantOnly) {
+  const SegmentFit significant{"spectrum", "", true, 9, 4, 0.1}, by_chance{"noise", "", true, 1.1, 0.1, 0.1};
+  EXPECT_EQ(unexplained_excess({significant, by_chance, significant}), 8);
 }
 
 TEST(Choose, WhereSomethingIsLeftTheProperScoreDecides) {

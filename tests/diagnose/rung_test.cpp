@@ -54,6 +54,14 @@ TEST(FitRung, FindsAThresholdThatOneCaptureOnlyIsBeyondHoweverFarItIsFromTheMode
   EXPECT_LT(rung.model.find("low_confidence")->value("threshold"), 45);
 }
 
+TEST(FitRung, MakesNoDropOutsEverywhereOfTheBorderOfAMask) {
+  // Half a percent of the pixels are missing; a highlight's border as wide as all light would do that, too.
+  const Case c(model_with("random_dropout", {{"rate", 0.007}}),
+               model_with("specular_saturation", {{"threshold", 0.65}, {"disturbance", 0.04}}));
+  const Rung rung = c.fitted({.simulations = 16});
+  EXPECT_LT(rung.model.find("specular_saturation")->value("disturbance"), 0.1);
+}
+
 TEST(FitRung, FindsAWholeNumberThatAnotherParameterMadeUpFor) {
   // In a window that is too small a longer reach smooths as much: from there the right window alone is worse.
   const auto blur = [](double diameter, double sigma_px) {

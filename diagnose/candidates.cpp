@@ -1,4 +1,4 @@
-#include "diagnose/findings.h"
+#include "diagnose/candidates.h"
 
 #include <algorithm>
 #include <set>
@@ -12,7 +12,7 @@ namespace binrig {
 
 constexpr std::size_t most_close = 2;
 
-CandidateReport Findings::report_of(const Refined& refined, int null_count) const {
+CandidateReport Candidates::report_of(const Refined& refined, int null_count) const {
   CandidateReport report;
   report.effect = refined.effect;
   report.id = refined.id;
@@ -23,7 +23,7 @@ CandidateReport Findings::report_of(const Refined& refined, int null_count) cons
   return report;
 }
 
-std::string Findings::leave_trifles(const Rung& rung, std::vector<const Refined*>& worthy) const {
+std::string Candidates::leave_trifles(const Rung& rung, std::vector<const Refined*>& worthy) const {
   const auto declaration = [&](const Refined* refined) -> const EffectDeclaration& {
     return *hypothesis(*refined).declaration;
   };
@@ -45,7 +45,7 @@ std::string Findings::leave_trifles(const Rung& rung, std::vector<const Refined*
   return said;
 }
 
-Found Findings::of(const Refined& refined, const Rung& rung, const SearchResult& found, const Refined* beaten) const {
+Found Candidates::of(const Refined& refined, const Rung& rung, const SearchResult& found, const Refined* beaten) const {
   Found result{refined,
                report_of(refined, static_cast<int>(rung.nulls.size())),
                {refined.effect, false, refined.random_map, {}},
@@ -74,8 +74,8 @@ Found Findings::of(const Refined& refined, const Rung& rung, const SearchResult&
   return result;
 }
 
-void Findings::seek_captures(CandidateReport& report, const Rung& rung, const LookAlike& best,
-                             const std::vector<LookAlike>& rivals) const {
+void Candidates::seek_captures(CandidateReport& report, const Rung& rung, const LookAlike& best,
+                               const std::vector<LookAlike>& rivals) const {
   constexpr std::size_t most = 3;
   report.sought_captures = true;
   const auto found = [&](const std::vector<std::string>& names, const std::vector<LookAlike>& against) {
@@ -92,7 +92,7 @@ void Findings::seek_captures(CandidateReport& report, const Rung& rung, const Lo
     if (found({report.confounded_with[k]}, {rivals[k]})) return;
 }
 
-const Hypothesis& Findings::hypothesis(const Refined& refined) const {
+const Hypothesis& Candidates::hypothesis(const Refined& refined) const {
   return *std::ranges::find(all_.tested, refined.effect, &Hypothesis::effect);
 }
 

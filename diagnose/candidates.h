@@ -16,11 +16,11 @@ struct Found {
 };
 
 /// Makes a `Found` of what a search found.
-class Findings {
+class Candidates {
  public:
   /// Keeps references; `seed` keys the simulations of captures that would separate.
-  Findings(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Hypotheses& all,
-           const SearchOptions& options, std::uint64_t seed)
+  Candidates(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Hypotheses& all,
+             const SearchOptions& options, std::uint64_t seed)
       : experiment_(experiment), motions_(motions), all_(all), options_(options), seed_(seed) {}
 
   /// `refined`, of `found`, which was looked for beside `rung`. Rivals are what `confounded` says of the others;
