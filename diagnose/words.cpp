@@ -67,24 +67,20 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
       break;
     case Verdict::unknown_effect: {
       const std::string where = segments.empty() ? "" : "; it shows in " + list(segments);
-      const std::string not_looked_for = diagnosis.as_many_as_allowed
-                                             ? fmt::format("no more than {} {} to be added", names.size(),
-                                                           names.size() == 1 ? "effect was" : "effects were")
-                                             : "";
-      if (share_explained(diagnosis) > most_of_it) {
-        diagnosis.headline =
-            fmt::format("Most of what is missing looks like {}: {}. {}{}.", list(names), fall(diagnosis),
-                        not_looked_for.empty() ? "What is left no known effect explains"
-                                               : "Something is left, and " + not_looked_for,
-                        where);
+      const bool looked = names.empty() || !diagnosis.as_many_as_allowed;
+      if (!names.empty() && share_explained(diagnosis) > most_of_it) {
+        diagnosis.headline = fmt::format(
+            "Most of what is missing looks like {}: {}. {}{}.", list(names), fall(diagnosis),
+            looked ? "What is left no known effect explains" : "Something is left, and no others were to be added",
+            where);
         for (const auto& name : names) describe(name);
         diagnosis.reasons.push_back(fmt::format(
             "Whatever the rest is may have bent the values found for {}, beyond their intervals.", list(names)));
         break;
       }
-      diagnosis.headline = not_looked_for.empty()
-                               ? fmt::format("Something is missing that no known effect explains{}.", where)
-                               : fmt::format("More is missing than {}, and {}{}.", list(names), not_looked_for, where);
+      diagnosis.headline =
+          looked ? fmt::format("Something is missing that no known effect explains{}.", where)
+                 : fmt::format("More is missing than {}, and no others were to be added{}.", list(names), where);
       if (!names.empty())
         diagnosis.reasons.push_back(fmt::format("The nearest known {} {}: {}. Do not take {} for the cause.",
                                                 names.size() == 1 ? "effect is" : "effects are", list(names),

@@ -74,6 +74,15 @@ TEST(Words, WhatExplainsMostIsNamedFirstAndWhatExplainsLittleIsNoCause) {
   EXPECT_THAT(little.reasons, Contains(HasSubstr("Do not take it for the cause")));
 }
 
+TEST(Words, WhatWasTakenOutAgainIsNotNamed) {
+  Diagnosis diagnosis = one_added(0.61, 0.08);
+  diagnosis.verdict = Verdict::unknown_effect;
+  diagnosis.as_many_as_allowed = true;
+  diagnosis.candidates.clear();
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_EQ(diagnosis.headline, "Something is missing that no known effect explains.");
+}
+
 TEST(Words, WhatWasNotLookedForIsNotSaidToBeUnknown) {
   Diagnosis diagnosis = one_added(0.61, 0.08);
   diagnosis.verdict = Verdict::unknown_effect;
@@ -83,10 +92,10 @@ TEST(Words, WhatWasNotLookedForIsNotSaidToBeUnknown) {
   Diagnosis little = diagnosis;
   little.ladder[1].score.heldout = 2;
   put_into_words(diagnosis, effect_catalogue(), {});
-  EXPECT_THAT(diagnosis.headline, HasSubstr("Something is left, and no more than 1 effect was to be added"));
+  EXPECT_THAT(diagnosis.headline, HasSubstr("Something is left, and no others were to be added"));
   EXPECT_THAT(diagnosis.headline, Not(HasSubstr("no known effect")));
   put_into_words(little, effect_catalogue(), {});
-  EXPECT_THAT(little.headline, HasSubstr("More is missing than depth_offset, and no more than 1 effect was to be"));
+  EXPECT_THAT(little.headline, HasSubstr("More is missing than depth_offset, and no others were to be"));
 }
 
 Refined gains(double train, double test, double shown_on_test) {
