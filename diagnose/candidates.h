@@ -27,7 +27,7 @@ class Candidates {
   /// `beaten`, if given, is none. Throws what simulating throws.
   Found of(const Refined& refined, const Rung& rung, const SearchResult& found, const Refined* beaten = nullptr) const;
 
-  /// Of a hypothesis, without rivals.
+  /// Its gains (of chi) and p-value, which is counted in `null_count` simulated recordings; no rivals, no parameters.
   CandidateReport report_of(const Refined& refined, int null_count) const;
 
   /// Puts captures into `report` that would tell `best` from all `rivals` (of `report.confounded_with`, in this order)

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <set>
 
 #include <fmt/format.h>
 
@@ -115,13 +114,9 @@ class Seeker {
     const EffectDeclaration& declaration = model().find(parameter.id)->declaration(catalogue_);
     if (!declaration.reason || parameter.name == declaration.amplitude) return false;
     if (descent_.touched_share(p) > few) return false;
-    std::set<int> known;
-    for (const Block& block : layout_.blocks)
-      if (const auto begin = next.residual.begin() + block.offset;
-          std::any_of(begin, begin + block.size, [](float r) { return r != 0; }))
-        known.insert(block.capture);
-    const auto touched = captures_that_differ(layout_, next.residual, descent_.now().residual);
-    return static_cast<double>(touched.size()) > nearly_all * static_cast<double>(known.size());
+    const Whitened &here = descent_.now().residual, nothing(here.size(), 0.f);
+    return static_cast<double>(captures_that_differ(layout_, next.residual, here).size()) >
+           nearly_all * static_cast<double>(captures_that_differ(layout_, here, nothing).size());
   }
 
   /// Chi. Where something else is missing, what a wrong step does to the noise that lacks it may outweigh the lines

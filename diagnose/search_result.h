@@ -100,7 +100,8 @@ Separation separation(const Rung& rung, const Refined& a, const Refined& b);
 /// Do they move something in common (cosine of at least 0.1)? If not, each explains its own.
 bool moves_the_same(const Rung& rung, const Refined& a, const Refined& b);
 /// True if the data cannot tell b from the better a: what a gains over b lies within what chance makes of two models
-/// that far apart, or is less than a quarter of what a gains where b gains more by its signatures.
+/// that far apart, or is less than a quarter of what a gains where b gains more by its signatures, or as much but for
+/// chance (9) and both move mostly the same (cosine of 0.7).
 bool confounded(const Rung& rung, const Refined& a, const Refined& b);
 
 /// Those of `worthy` (best first) that move nothing that the best one moves, nor what those before them move (cosine

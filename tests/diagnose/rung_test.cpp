@@ -55,7 +55,7 @@ TEST(FitRung, FindsAThresholdThatOneCaptureOnlyIsBeyondHoweverFarItIsFromTheMode
 }
 
 TEST(FitRung, MakesNoDropOutsEverywhereOfTheBorderOfAMask) {
-  // Half a percent of the pixels are missing; a highlight's border as wide as all light would do that, too.
+  // Every 140th pixel is missing; a highlight's border as wide as all light would do that, too.
   const Case c(model_with("random_dropout", {{"rate", 0.007}}),
                model_with("specular_saturation", {{"threshold", 0.65}, {"disturbance", 0.04}}));
   const Rung rung = c.fitted({.simulations = 16});
