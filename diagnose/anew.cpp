@@ -11,6 +11,8 @@
 namespace binrig {
 namespace {
 
+constexpr double right_step = 0.9;  // of chi without it, that the right one leaves at most
+
 /// Where a hypothesis comes nearest before it is fitted.
 struct Start {
   int hypothesis = 0;
@@ -75,7 +77,7 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
     if (turned[s]) starts.back().values[hypotheses.tested[h].declaration->amplitude] *= -1;
   }
 
-  // Signatures know few periods. About the fitted model others may look right than about the given one.
+  // Signatures know few periods and steps. About the fitted model others may look right than about the given one.
   Rung as_given;
   as_given.model = given;
   as_given.standard = standard;
@@ -84,14 +86,20 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
   as_given.rest = std::move(explained.rest);
   as_given.nuisances = std::move(explained.values);
   const Refiner refiner{experiment, motions, as_given, measured, 2, seed + 1, Part::train, frames};
+  const double without = remainder_of(refiner, given, {}, {}).train;
   for (Start& start : starts) {
     const Hypothesis& hypothesis = hypotheses.tested[start.hypothesis];
-    if (!has_period(*hypothesis.declaration)) continue;
+    const bool step = is_step(*hypothesis.declaration);
+    if (!step && !has_period(*hypothesis.declaration)) continue;
     const LinearGain found = look_close_by(refiner, hypothesis, {start.hypothesis, 0, start.values}, signatures);
     const SensorModel with = with_effect(given, catalogue, hypothesis.effect, found.values);
     const double its = remainder_of(refiner, with, {}, {}).train;
-    if (its < start.chi) start = {start.hypothesis, found.values, its};
+    if (step || its < start.chi) start = {start.hypothesis, found.values, its};
   }
+  // A wrong step is no way to the right one.
+  std::erase_if(starts, [&](const Start& start) {
+    return is_step(*hypotheses.tested[start.hypothesis].declaration) && start.chi > right_step * without;
+  });
   std::sort(starts.begin(), starts.end(), [](const Start& a, const Start& b) { return a.chi < b.chi; });
 
   std::vector<Anew> result;

@@ -26,9 +26,10 @@ struct Beginning {
 
 /// The `most` hypotheses whose signatures, simulated with targets at their nominal places, bring the beginning's model
 /// nearest to the measurement on train (poses, lens and the model's own parameters free in the linear view; periods
-/// looked at closely, with the targets at nominal), each fitted. Those that draw a map of the unit are none: their
-/// signatures are of another one. None if the nearest is `known`, which the fitted model names, too (-1: nothing it
-/// names was accepted). Throws what simulating throws.
+/// and steps looked at closely, with the targets at nominal), each fitted. A step that leaves more than nine tenths of
+/// what is left without it is none: no slope leads from it to the right one. Those that draw a map of the unit are
+/// none: their signatures are of another one. None if the nearest is `known`, which the fitted model names, too (-1:
+/// nothing it names was accepted). Throws what simulating throws.
 std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions,
                             const Measurement& measured, const Beginning& from, const Hypotheses& hypotheses, int known,
                             int most, std::uint64_t seed);

@@ -17,6 +17,7 @@
 #include "diagnose/profile.h"
 #include "diagnose/score.h"
 #include "diagnose/screen.h"
+#include "diagnose/step_reader.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
@@ -207,8 +208,9 @@ Diagnosis diagnose(const ForwardModel& forward, const Experiment::FrameReader& r
   Diagnosis diagnosis;
   diagnosis.improved = model;
   const Experiment experiment(forward, model, cache);
-  const Measurement measured = experiment.measure(reader, diagnosis.warnings);
-  const Hypotheses all = make_hypotheses(forward, model);
+  StepReader steps(experiment, reader);
+  const Measurement measured = experiment.measure(steps.reader(), diagnosis.warnings);
+  const Hypotheses all = make_hypotheses(forward, model, steps.seen(model));
   diagnosis.untested = all.untested;
   for (const auto& [id, reason] : forward.inactive(model))
     diagnosis.warnings.push_back("the model's " + id + " is not active on this recording: " + reason);

@@ -129,6 +129,21 @@ Hypothesis make(const EffectDeclaration& effect) {
   return hypothesis;
 }
 
+/// Of an amplitude that is a step, each value is another trace, and only one of them meets the recording's lines.
+void add_seen(const SeenSteps& seen, Hypothesis& hypothesis) {
+  if (!is_step(*hypothesis.declaration)) return;
+  const ParameterSpec* amplitude = hypothesis.declaration->parameter(hypothesis.declaration->amplitude);
+  const std::vector<double>& steps = amplitude->unit == "px" ? seen.disparity_px : seen.depth_mm;
+  for (StrengthPath& path : hypothesis.paths) {
+    const Atom like = path.atoms.front();
+    for (const double step : steps) {
+      path.atoms.push_back(like);
+      path.atoms.back().values[amplitude->name] = clip(*amplitude, step);
+    }
+  }
+  hypothesis.seen = !steps.empty();
+}
+
 /// Phase and period of an effect that has both; else null.
 struct Wave {
   const ParameterSpec *phase = nullptr, *period = nullptr;
@@ -225,6 +240,11 @@ bool is_step(const EffectDeclaration& effect, const ParameterSpec& spec) {
   return spec.name == effect.amplitude && !spec.interpolate && spec.log_scaled && spec.kind != ParameterKind::integer;
 }
 
+bool is_step(const EffectDeclaration& effect) {
+  const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
+  return amplitude && is_step(effect, *amplitude);
+}
+
 Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, double>& values,
                     std::optional<double> reach) {
   constexpr int steps = 3;  // to either side
@@ -262,7 +282,7 @@ double period_spacing(const ParameterSpec& period, double value, int cols) {
   return frequency_step(period, cols) * value;
 }
 
-Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model) {
+Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model, const SeenSteps& seen) {
   Hypotheses result;
   const EffectCatalogue& catalogue = forward.catalogue();
   for (const EffectDeclaration* effect : catalogue.all()) {
@@ -272,6 +292,7 @@ Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model
     if (present) continue;
     Hypothesis hypothesis = make(*effect);
     if (hypothesis.paths.empty()) continue;
+    add_seen(seen, hypothesis);
     try {
       const SensorModel extended = with_effect(model, catalogue, effect->name, hypothesis.paths[0].atoms[0].values);
       bool able = true;

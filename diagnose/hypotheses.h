@@ -33,6 +33,7 @@ struct Hypothesis {
   std::string effect;
   const EffectDeclaration* declaration = nullptr;
   std::vector<StrengthPath> paths;
+  bool seen = false;  ///< a step, and the recorded values come in some: of SeenSteps
 };
 
 /// Effects that this recording could not show: name and unmet needs.
@@ -64,6 +65,8 @@ bool has_place(const EffectDeclaration& effect);
 /// True of an amplitude that is a step (of a quantisation), not a period or a place: slopes say nothing of it, and
 /// where it is wrong its comb misses the data's everywhere.
 bool is_step(const EffectDeclaration& effect, const ParameterSpec& spec);
+/// True of an effect with such an amplitude.
+bool is_step(const EffectDeclaration& effect);
 /// The hypothesis with its place close together around that of `values`, each at three strengths: `reach` to all sides
 /// (in its own unit), or as far as the next one of the grid. No paths if it has none.
 Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, double>& values,
@@ -75,7 +78,14 @@ std::map<std::string, double> placed_at(const EffectDeclaration& effect, std::ma
 /// How far apart periods of by_period are near a value, relative to it.
 double period_spacing(const ParameterSpec& period, double value, int cols);
 
-Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model);
+/// Steps that the recorded values seem to come in and the model's do not, see StepReader.
+struct SeenSteps {
+  std::vector<double> depth_mm, disparity_px;
+};
+
+/// Every effect of the catalogue that the model lacks and the recording could show. A step of depth or of disparity
+/// (is_step, by its unit) is tried at what was seen, too.
+Hypotheses make_hypotheses(const ForwardModel& forward, const SensorModel& model, const SeenSteps& seen = {});
 
 /// The model with the effect added at the values.
 SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& effect,

@@ -95,6 +95,22 @@ LinearGain best_simulated(const Refiner& refiner, const Hypothesis& hypothesis, 
   return std::move(peaks[best]);
 }
 
+/// Of the values that a step is tried at, the one that leaves least when it is simulated.
+LinearGain best_step(const Refiner& refiner, const Hypothesis& hypothesis, LinearGain start) {
+  const EffectCatalogue& catalogue = refiner.experiment.forward().catalogue();
+  double least = std::numeric_limits<double>::infinity();
+  for (const StrengthPath& path : hypothesis.paths)
+    for (const Atom& atom : path.atoms) {
+      const SensorModel model = with_effect(refiner.rung.model, catalogue, hypothesis.effect, atom.values);
+      const double chi = registered_remainder(on_train(refiner), model).train;
+      if (tracing())
+        fmt::print(stderr, "  {} {:.5g} leaves {:.0f}\n", hypothesis.effect,
+                   atom.values.at(hypothesis.declaration->amplitude), chi);
+      if (chi < least) least = chi, start.values = atom.values;
+    }
+  return start;
+}
+
 }  // namespace
 
 Remainder registered_remainder(const Refiner& refiner, const SensorModel& model) {
@@ -113,6 +129,7 @@ LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, c
   const Experiment& experiment = refiner.experiment;
   const Rung& rung = refiner.rung;
   const int cols = experiment.nominal(0).depth_mm.cols;
+  if (is_step(*hypothesis.declaration)) return best_step(refiner, hypothesis, start);
   const bool place = has_place(*hypothesis.declaration);
   if (!place && !has_period(*hypothesis.declaration)) return start;
   std::vector<double> power(experiment.layout().captures, 0);
@@ -197,7 +214,7 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   Places places = places_for(refiner, model);
   // Where the model's noise is far off, too, a wrong step is the better for what less noise would make of it if its
   // logarithm went straight down: there the model's own parameters stay where they are while steps are compared.
-  const bool compares_steps = rung.dispersion > far_off && amplitude && is_step(*hypothesis.declaration, *amplitude);
+  const bool compares_steps = rung.dispersion > far_off && is_step(*hypothesis.declaration);
   const Layout& layout = experiment.layout();
   const Metric standing =
       compares_steps ? Metric(layout, Part::train, motion_rows(layout, rung.standard, motions)) : Metric();

@@ -59,8 +59,11 @@ class Search {
     look_where_it_stands_out();
     base_ = registered_remainder(refiner_, rung_.model);
     refine_shortlist();
-    if (astray() && !first_of_many() && !result_.explained_by_one(options_) && !result_.happening(options_))
-      look_again();
+    const bool known = result_.explained_by_one(options_) || result_.happening(options_);
+    if (!known && astray() && !first_of_many())
+      look_again(beginning_());
+    else if (!known && lines_unexplained())
+      look_again(steps_of(beginning_()));
     std::sort(result_.refined.begin(), result_.refined.end(),
               [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
     return std::move(result_);
@@ -365,14 +368,25 @@ class Search {
     return left_ > many_missing && most > options_.far_ahead * second_listed_;
   }
 
+  /// The recorded values come in steps that the model given does not know. Parameters that were bent to make up for
+  /// that blur its lines, and no step explains anything any more.
+  bool lines_unexplained() const {
+    return !standing_.added && left_ > options_.unexplained &&
+           std::ranges::any_of(hypotheses_.tested, &Hypothesis::seen);
+  }
+  Beginning steps_of(Beginning from) const {
+    std::erase_if(from.signatures, [&](const Signature& s) { return !hypotheses_.tested[s.hypothesis].seen; });
+    return from;
+  }
+
   /// From the parameters as they were given, unless that names the best one of those accepted, too.
-  void look_again() {
+  void look_again(const Beginning& from) {
     const auto accepted = result_.accepted(options_);
     const auto best = std::max_element(accepted.begin(), accepted.end(),
                                        [](const Refined* a, const Refined* b) { return a->score() < b->score(); });
     const int known = best == accepted.end() ? -1 : (*best)->hypothesis;
-    for (Anew& anew : look_anew(experiment_, motions_, measured_, beginning_(), hypotheses_, known, options_.anew,
-                                options_.seed + 60)) {
+    for (Anew& anew :
+         look_anew(experiment_, motions_, measured_, from, hypotheses_, known, options_.anew, options_.seed + 60)) {
       // What the rung has learned of all else is worth more than what a fit from far away did, or it went astray.
       LinearGain start = result_.linear[anew.hypothesis];
       for (auto& [name, value] : start.values) value = anew.fit.model.find(anew.id)->value(name);

@@ -9,6 +9,7 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "diagnose/hypotheses.h"
 #include "sim/effect.h"
 
 namespace binrig::hidden {
@@ -175,6 +176,8 @@ HiddenEffect draw_hidden(const std::string& name, Strength strength, const Rando
     double& value = hidden.values[spec.name];
     if (spec.name == effect->amplitude) {
       value = strength_value(*effect, strength);
+      // The search tries just these values; of a step, no other one is near.
+      if (is_step(*effect, spec)) value *= std::exp(dice.uniform(-0.3, 0.3));
     } else {
       value = spec.kind == ParameterKind::phase ? dice.uniform(-pi, pi) : between(spec, dice.uniform(0.15, 0.85));
     }

@@ -90,6 +90,24 @@ TEST(Hypotheses, WherePixelsComeAndGoBothSignsAreSimulated) {
   EXPECT_GE(both, 1) << "the focal length";
 }
 
+TEST(Hypotheses, StepsSeenInTheValuesAreTriedByUnit) {
+  const NoMotion forward;
+  const SeenSteps seen{{0.731, 1e6}, {0.0417}};
+  int steps = 0;
+  for (const auto& h : make_hypotheses(forward, one_effect_model(), seen).tested) {
+    std::set<double> tried;
+    for (const auto& path : h.paths)
+      for (const auto& atom : path.atoms) tried.insert(atom.values.at(h.declaration->amplitude));
+    const ParameterSpec& spec = *h.declaration->parameter(h.declaration->amplitude);
+    const bool step = is_step(*h.declaration, spec);
+    steps += step;
+    EXPECT_EQ(tried.contains(0.731), step && spec.unit == "mm") << h.effect;
+    EXPECT_EQ(tried.contains(0.0417), step && spec.unit == "px") << h.effect;
+    EXPECT_LE(*tried.rbegin(), spec.upper) << h.effect;
+  }
+  EXPECT_EQ(steps, 2);
+}
+
 TEST(Hypotheses, PhasesComeInPairsAQuarterApart) {
   const NoMotion forward;
   int pairs = 0;

@@ -1,0 +1,42 @@
+#include "diagnose/step_reader.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "diagnose/trace.h"
+
+namespace binrig {
+
+Experiment::FrameReader StepReader::reader() {
+  return [this](int capture, int frame) {
+    Frame read = frames_(capture, frame);
+    if (experiment_.layout().train[capture]) {
+      const std::lock_guard lock(guard_);
+      values_.add(read.depth_mm, experiment_.context(capture).focal_baseline);
+    }
+    return read;
+  };
+}
+
+SeenSteps StepReader::seen(const SensorModel& model) const {
+  constexpr int most = 4;
+  constexpr double finest_mm = 0.02, coarsest_mm = 20, finest_px = 1.0 / 128, coarsest_px = 1;
+  ValueSteps usual;
+  for (int c = 0; c < experiment_.layout().captures; ++c) {
+    if (!experiment_.layout().train[c]) continue;
+    SimulationRequest request;
+    request.capture = c;
+    request.model = &model;
+    request.frames = 1;
+    experiment_.forward().simulate(
+        request, [&](const Frame& frame, int) { usual.add(frame.depth_mm, experiment_.context(c).focal_baseline); });
+  }
+  SeenSteps seen{values_.depth_mm(finest_mm, coarsest_mm, most, usual),
+                 values_.disparity_px(finest_px, coarsest_px, most, usual)};
+  if (tracing())
+    fmt::print(stderr, "steps seen in the values: {:.5g} mm; {:.5g} px\n", fmt::join(seen.depth_mm, ", "),
+               fmt::join(seen.disparity_px, ", "));
+  return seen;
+}
+
+}  // namespace binrig

@@ -1,0 +1,32 @@
+// Steps that recorded values seem to come in and simulated ones do not: values to try for hypotheses that are a step.
+#pragma once
+
+#include <mutex>
+
+#include "compare/value_steps.h"
+#include "diagnose/experiment.h"
+#include "diagnose/hypotheses.h"
+
+namespace binrig {
+
+/// Looks at the values of the train captures as they are read. What is given to the constructor must outlive it.
+class StepReader {
+ public:
+  StepReader(const Experiment& experiment, const Experiment::FrameReader& frames)
+      : experiment_(experiment), frames_(frames) {}
+
+  /// Reads as `frames` does, from several threads, too. As long as this object.
+  Experiment::FrameReader reader();
+  /// At most four of each, see ValueSteps; one frame of each train capture is simulated with `model`, which says what
+  /// is usual: the storage step, steps that the model has, flat targets at few distances. Throws what simulating
+  /// throws.
+  SeenSteps seen(const SensorModel& model) const;
+
+ private:
+  const Experiment& experiment_;
+  const Experiment::FrameReader& frames_;
+  std::mutex guard_;
+  ValueSteps values_;
+};
+
+}  // namespace binrig

@@ -1,0 +1,89 @@
+#include "compare/value_steps.h"
+
+#include <cmath>
+#include <random>
+
+#include <gtest/gtest.h>
+
+namespace binrig {
+namespace {
+
+constexpr double focal_baseline = 45000;  // px mm
+constexpr int most = 4;
+
+/// Flat targets, hardly tilted, at the given distances; `sensor` turns a true depth into a recorded one.
+template <class Sensor>
+ValueSteps seen(const std::vector<double>& distances_mm, double noise_mm, Sensor sensor, unsigned seed = 7) {
+  std::mt19937 random(seed);
+  std::normal_distribution<double> noise(0, noise_mm);
+  ValueSteps steps;
+  for (const double z : distances_mm) {
+    cv::Mat_<float> frame(96, 128);
+    for (int row = 0; row < frame.rows; ++row)
+      for (int col = 0; col < frame.cols; ++col)
+        frame(row, col) = static_cast<float>(sensor(z + 0.01 * (col - 64) + noise(random)));
+    steps.add(frame, focal_baseline);
+  }
+  return steps;
+}
+
+ValueSteps usual(const std::vector<double>& distances_mm, double noise_mm = 0.25) {
+  return seen(
+      distances_mm, noise_mm, [](double z) { return z; }, 8);
+}
+
+double rounded(double value, double step) { return step * std::round(value / step); }
+
+const std::vector<double> near_each_other{795.3, 798.1, 801.4, 803.2, 806.9, 809.7},
+    apart{520, 610, 733, 802, 911, 1040};
+
+TEST(ValueSteps, DepthThatIsRounded) {
+  for (const double step : {0.31, 1.27, 3.9, 7.2})
+    for (const auto& distances : {near_each_other, apart}) {
+      const auto found =
+          seen(distances, 0.25, [&](double z) { return rounded(z, step); }).depth_mm(0.1, 20, most, usual(distances));
+      // Half a bin of the histogram, 0.005 mm, at the furthest target.
+      const auto right = [&](double value) { return std::abs(value / step - 1) < 0.005 / distances.back(); };
+      EXPECT_TRUE(std::ranges::any_of(found, right)) << step << " mm, found " << testing::PrintToString(found);
+    }
+}
+
+TEST(ValueSteps, DisparityThatIsRoundedBeforeDepthIsDisturbedAndStored) {
+  std::mt19937 random(3);
+  std::normal_distribution<double> later(0, 0.1);
+  for (const double step : {0.0417, 0.125, 0.3})
+    for (const auto& distances : {near_each_other, apart}) {
+      const auto found = seen(distances, 0.25, [&](double z) {
+                           return rounded(focal_baseline / rounded(focal_baseline / z, step) + later(random), 0.05);
+                         }).disparity_px(1.0 / 128, 1, most, usual(distances));
+      const auto right = [&](double value) { return std::abs(value / step - 1) < 3e-4; };
+      EXPECT_TRUE(std::ranges::any_of(found, right)) << step << " px, found " << testing::PrintToString(found);
+    }
+}
+
+TEST(ValueSteps, AnOffsetOfAllStepsMovesNothing) {
+  constexpr double step = 1.27;
+  const auto found =
+      seen(apart, 0.25, [&](double z) { return rounded(z, step) + 0.4; }).depth_mm(0.1, 20, most, usual(apart));
+  ASSERT_FALSE(found.empty());
+  EXPECT_NEAR(found.front(), step,
+              0.01 * step * step);  // a hundredth of a line's width, which is step^2 / (100 mm) at most
+}
+
+TEST(ValueSteps, NothingStandsOutOfValuesThatAreNotRounded) {
+  EXPECT_TRUE(seen(apart, 3, [](double z) { return z; }).depth_mm(0.1, 2, most, usual(apart, 3)).empty());
+}
+
+TEST(ValueSteps, AStepThatIsUsualIsNotListed) {
+  const auto stored = [](double z) { return rounded(z, 0.5); };
+  EXPECT_FALSE(seen(apart, 0.25, stored).depth_mm(0.3, 2, most, usual(apart)).empty());
+  EXPECT_TRUE(seen(apart, 0.25, stored).depth_mm(0.3, 2, most, seen(apart, 0.25, stored, 8)).empty());
+}
+
+TEST(ValueSteps, NothingIsReadOffNothing) {
+  EXPECT_TRUE(ValueSteps().depth_mm(0.1, 20, most, ValueSteps()).empty());
+  EXPECT_TRUE(ValueSteps().disparity_px(0.01, 1, most, ValueSteps()).empty());
+}
+
+}  // namespace
+}  // namespace binrig
