@@ -11,8 +11,8 @@
 namespace binrig {
 namespace {
 
-constexpr int depth_size = 1 << 19, disparity_size = 1 << 18;
-constexpr double depth_bin_mm = 0.01, disparity_bin_px = 1.0 / 2048;  // as far as 5.2 m and 128 px
+constexpr int depth_size = 1 << 19, disparity_size = 1 << 20;
+constexpr double depth_bin_mm = 0.01, disparity_bin_px = 1.0 / 2048;  // as far as 5.2 m and 512 px
 
 constexpr double fewest_values = 1000;
 constexpr double beyond_chance = 2;  // times the strongest line of chance: neighbouring pixels say the same

@@ -27,6 +27,12 @@ class Adding {
   /// come nearest; none if they explain nothing. Throws what simulating throws.
   std::optional<Rung> to_the_given(const Rung& rung, const Hypothesis& hypothesis, RungOptions options) const;
 
+  /// Where an effect that was added moves bias maps as the lens does, the two may end anywhere between them, on edges
+  /// that happen to meet the pixels. The lens put back to where it is said to be, what it stood for given to the effect
+  /// (`id`), everything fitted again from there; none if no parameter of it moves the same. Throws what simulating
+  /// throws.
+  std::optional<Rung> lens_put_back(const Rung& rung, const std::string& id, RungOptions options) const;
+
   /// What is known of an effect's parameters without a fit stays: puts it among the options' fixed ones.
   static void hold(const Refined& hypothesis, RungOptions& options);
 

@@ -295,13 +295,16 @@ class Climb {
     Rung next = adding_.to(rung, *best, climbed_.options);
     // Noise may have taken the part of a ring in its spectrum, the lens that of a wrong focal length: no slope leads
     // back.
-    const auto left = unexplained(experiment_.layout(), next);
-    const bool swapped =
-        has_tone(*candidates_.hypothesis(*best).declaration) ? !left.empty() : left.contains({"intrinsics", true});
-    if (swapped)
-      if (auto other = adding_.to_the_given(rung, candidates_.hypothesis(*best), climbed_.options);
-          other && unexplained(experiment_.layout(), *other).size() < left.size())
-        next = std::move(*other);
+    auto left = unexplained(experiment_.layout(), next);
+    const auto take_if_better = [&](std::optional<Rung> other) {
+      if (!other) return;
+      auto its = unexplained(experiment_.layout(), *other);
+      if (its.size() < left.size()) next = std::move(*other), left = std::move(its);
+    };
+    const auto lens_is_off = [&] { return left.contains({"intrinsics", true}); };
+    if (lens_is_off()) take_if_better(adding_.lens_put_back(next, best->id, climbed_.options));
+    if (has_tone(*candidates_.hypothesis(*best).declaration) ? !left.empty() : lens_is_off())
+      take_if_better(adding_.to_the_given(rung, candidates_.hypothesis(*best), climbed_.options));
     const auto second =
         std::find_if(worthy.begin(), worthy.end(), [&](const Refined* other) { return other->effect != best->effect; });
     if (second == worthy.end() || (*second)->score() <= search_options_.close_behind * best->score() ||

@@ -61,6 +61,24 @@ TEST(ValueSteps, DisparityThatIsRoundedBeforeDepthIsDisturbedAndStored) {
     }
 }
 
+TEST(ValueSteps, DisparitiesOfALongLens) {
+  constexpr double long_lens = 230000;  // 210 to 440 px
+  ValueSteps steps, usual;
+  for (const double z : apart) {
+    cv::Mat_<float> frame(96, 128), unrounded(96, 128);
+    for (int i = 0; i < 96 * 128; ++i) {
+      unrounded(i / 128, i % 128) = static_cast<float>(z + 1e-3 * i);
+      frame(i / 128, i % 128) =
+          static_cast<float>(long_lens / rounded(long_lens / unrounded(i / 128, i % 128), 0.0625));
+    }
+    steps.add(frame, long_lens);
+    usual.add(unrounded, long_lens);
+  }
+  const auto found = steps.disparity_px(1.0 / 128, 1, most, usual);
+  ASSERT_FALSE(found.empty());
+  EXPECT_NEAR(found.front(), 0.0625, 0.0625 * 1e-4);
+}
+
 TEST(ValueSteps, AnOffsetOfAllStepsMovesNothing) {
   constexpr double step = 1.27;
   const auto found =
