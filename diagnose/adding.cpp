@@ -15,7 +15,7 @@ SensorModel with_values_of(const SensorModel& given, SensorModel model) {
 }
 
 Rung Adding::to(const Rung& rung, const Refined& hypothesis, RungOptions options, bool anew) const {
-  options.scan_ranges_of = hypothesis.id;
+  if (!hypothesis.step_seen) options.scan_ranges_of = hypothesis.id;
   options.narrow = narrow_of(rung.fit.parameters);
   hold(hypothesis, options);
   return fit_rung(experiment_, motions_, measured_, anew ? with_values_of(given_, hypothesis.model) : hypothesis.model,

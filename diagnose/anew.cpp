@@ -118,7 +118,7 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
     options.converged = 20;
     options.converged_far_off = 0.01;
     options.seed = seed;
-    options.scan_ids = {anew.id};
+    if (!hypothesis.seen_at(start.values)) options.scan_ids = {anew.id};
     options.scan_ranges_of = anew.id;
     options.place.assign(motions.size(), 0);
     options.motions = &motions;

@@ -56,7 +56,7 @@ constexpr double overlapping = 0.3;                       // of values on a loga
 constexpr double columns_apart = 0.32, rows_apart = 0.3;  // of a grid of places, of half the image's width
 
 Hypothesis make(const EffectDeclaration& effect) {
-  Hypothesis hypothesis{effect.name, &effect, {}};
+  Hypothesis hypothesis{effect.name, &effect, {}, {}};
   const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
   if (!amplitude) return hypothesis;
 
@@ -134,14 +134,14 @@ void add_seen(const SeenSteps& seen, Hypothesis& hypothesis) {
   if (!is_step(*hypothesis.declaration)) return;
   const ParameterSpec* amplitude = hypothesis.declaration->parameter(hypothesis.declaration->amplitude);
   const std::vector<double>& steps = amplitude->unit == "px" ? seen.disparity_px : seen.depth_mm;
+  for (const double step : steps) hypothesis.seen.push_back(clip(*amplitude, step));
   for (StrengthPath& path : hypothesis.paths) {
     const Atom like = path.atoms.front();
-    for (const double step : steps) {
+    for (const double step : hypothesis.seen) {
       path.atoms.push_back(like);
-      path.atoms.back().values[amplitude->name] = clip(*amplitude, step);
+      path.atoms.back().values[amplitude->name] = step;
     }
   }
-  hypothesis.seen = !steps.empty();
 }
 
 /// Phase and period of an effect that has both; else null.
@@ -174,7 +174,7 @@ std::vector<Hypothesis> at_periods(const Hypothesis& hypothesis, const std::map<
   const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
   std::vector<Hypothesis> result;
   for (std::size_t k = 0; amplitude && k < periods.size(); ++k) {
-    result.push_back({hypothesis.effect, &effect, {}});
+    result.push_back({hypothesis.effect, &effect, {}, {}});
     Atom atom{values};
     atom.values[amplitude->name] = clip(*amplitude, strength_value(effect, Strength::medium));
     atom.values[period->name] = periods[k];
@@ -191,6 +191,11 @@ std::vector<Hypothesis> at_periods(const Hypothesis& hypothesis, const std::map<
 }
 
 }  // namespace
+
+bool Hypothesis::seen_at(const std::map<std::string, double>& values) const {
+  const auto amplitude = values.find(declaration->amplitude);
+  return amplitude != values.end() && std::ranges::find(seen, amplitude->second) != seen.end();
+}
 
 SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& effect,
                         const std::map<std::string, double>& values) {
@@ -251,7 +256,7 @@ Hypothesis by_place(const Hypothesis& hypothesis, const std::map<std::string, do
   const EffectDeclaration& effect = *hypothesis.declaration;
   const auto place = place_of(effect);
   const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
-  Hypothesis result{hypothesis.effect, &effect, {}};
+  Hypothesis result{hypothesis.effect, &effect, {}, {}};
   if (place.empty() || !amplitude) return result;
   const auto moved = [&](int axis, int by, double apart) {
     return values.at(place[axis]->name) + by * reach.value_or(apart * place[axis]->typical_high) / steps;

@@ -33,7 +33,10 @@ struct Hypothesis {
   std::string effect;
   const EffectDeclaration* declaration = nullptr;
   std::vector<StrengthPath> paths;
-  bool seen = false;  ///< a step, and the recorded values come in some: of SeenSteps
+  std::vector<double> seen;  ///< of a step: values of its amplitude that are of SeenSteps
+
+  /// Are these values the hypothesis at a step that was seen?
+  bool seen_at(const std::map<std::string, double>& values) const;
 };
 
 /// Effects that this recording could not show: name and unmet needs.

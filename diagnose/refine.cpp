@@ -102,7 +102,7 @@ LinearGain best_step(const Refiner& refiner, const Hypothesis& hypothesis, Linea
   for (const StrengthPath& path : hypothesis.paths)
     for (const Atom& atom : path.atoms) {
       const SensorModel model = with_effect(refiner.rung.model, catalogue, hypothesis.effect, atom.values);
-      const double chi = registered_remainder(on_train(refiner), model).train;
+      const double chi = remainder_of(on_train(refiner), model, refiner.rung.offsets, refiner.rung.place).train;
       if (tracing())
         fmt::print(stderr, "  {} {:.5g} leaves {:.0f}\n", hypothesis.effect,
                    atom.values.at(hypothesis.declaration->amplitude), chi);
@@ -207,7 +207,7 @@ RefinedFit refine(const Refiner& refiner, const Hypothesis& hypothesis, const Li
   fit.converged = 1;
   fit.converged_far_off = 0.003;
   fit.seed = seed + 40;
-  fit.scan_ids = {id};
+  if (!hypothesis.seen_at(start.values)) fit.scan_ids = {id};
   fit.probe_within = std::numeric_limits<double>::infinity();
   fit.scan_ranges_of = id;
   const auto parameters = fit_parameters(model, catalogue, {id});

@@ -238,6 +238,9 @@ class Search {
     refined.gate = (doubted ? options_.beyond_doubt : 1) * own_gate_[h];
     refined.p = result_.p_values[h];
     refined.random_map = unit_maps_.looks_random(h);
+    std::map<std::string, double> values;
+    for (const auto& [name, value] : refined.model.find(refined.id)->values) values[name] = value.value;
+    refined.step_seen = hypotheses_.tested[h].seen_at(values);
     Refiner refiner = refiner_;
     refined.happens_or_not = happens_or_not(*hypotheses_.tested[h].declaration);
     refined.held = unit_maps_.gives_parameters(h) || refined.happens_or_not;
@@ -372,10 +375,10 @@ class Search {
   /// that blur its lines, and no step explains anything any more.
   bool lines_unexplained() const {
     return !standing_.added && left_ > options_.unexplained &&
-           std::ranges::any_of(hypotheses_.tested, &Hypothesis::seen);
+           std::ranges::any_of(hypotheses_.tested, [](const Hypothesis& h) { return !h.seen.empty(); });
   }
   Beginning steps_of(Beginning from) const {
-    std::erase_if(from.signatures, [&](const Signature& s) { return !hypotheses_.tested[s.hypothesis].seen; });
+    std::erase_if(from.signatures, [&](const Signature& s) { return hypotheses_.tested[s.hypothesis].seen.empty(); });
     return from;
   }
 

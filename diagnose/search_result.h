@@ -26,6 +26,7 @@ struct Refined {
   /// Its parameters are those of a map that was recognised, or what its signatures say, with intervals: no fit says
   /// more of them.
   bool held = false;
+  bool step_seen = false;  ///< stands at a step that was read off the recorded values: no other one is sought
   Whitened change;           ///< what it moves, all captures
   double shown_on_test = 0;  ///< square of that on the captures held out, dispersion divided out
   int shown_in = 0;          ///< the train capture that shows it most

@@ -19,7 +19,7 @@ Experiment::FrameReader StepReader::reader() {
 }
 
 SeenSteps StepReader::seen(const SensorModel& model) const {
-  constexpr int most = 4;
+  constexpr int most = 2;  // the strongest and the clearest
   constexpr double finest_mm = 0.02, coarsest_mm = 20, finest_px = 1.0 / 128, coarsest_px = 1;
   ValueSteps usual;
   for (int c = 0; c < experiment_.layout().captures; ++c) {

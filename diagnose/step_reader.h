@@ -17,7 +17,7 @@ class StepReader {
 
   /// Reads as `frames` does, from several threads, too. As long as this object.
   Experiment::FrameReader reader();
-  /// At most four of each, see ValueSteps; one frame of each train capture is simulated with `model`, which says what
+  /// At most two of each, see ValueSteps; one frame of each train capture is simulated with `model`, which says what
   /// is usual: the storage step, steps that the model has, flat targets at few distances. Throws what simulating
   /// throws.
   SeenSteps seen(const SensorModel& model) const;
