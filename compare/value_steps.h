@@ -1,9 +1,10 @@
 // Steps in which recorded values come, read off the values themselves.
 //
 // Where depth (or disparity) is rounded to whole steps, the characteristic function of its values has a line at one
-// cycle per step, whatever the scene. The steps of all captures have to agree, which tells them from the few levels
-// that a flat target is seen at anyway, and are compared with values in which no step is expected. A line is no proof:
-// each is a value to try.
+// cycle per step, whatever the scene: Kendall's quantogram (D. G. Kendall, Hunting quanta, Phil. Trans. R. Soc. A 276,
+// 1974). His is of cosines; here it is the modulus, so that all steps may share an offset, and lines are held against
+// those of values in which no step is expected: flat targets are seen at few levels anyway. A line is no proof: each is
+// a value to try. (What step one plane's values show without a model, noise/quantisation.h says.)
 #pragma once
 
 #include <cstdint>
@@ -18,14 +19,15 @@ class ValueSteps {
  public:
   ValueSteps();
 
-  /// Valid pixels (depth > 0) of a frame, CV_32F in mm. `focal_baseline`: f * B in px mm; 0 = unknown, no disparity.
+  /// Valid pixels (depth > 0) of a frame, CV_32F of any size in mm. `focal_baseline`: f * B in px mm; 0 = unknown, no
+  /// disparity. Not thread-safe.
   void add(const cv::Mat& depth_mm, double focal_baseline);
 
-  /// Steps between `finest` and `coarsest` whose lines are strongest, or stand out most from their neighbourhood, in
-  /// turn, at most `most`; a line at a multiple of another's frequency is not listed beside it, nor one of which
-  /// `usual` values of the same targets have the like at about that frequency. Where all values meet zero as well, the
-  /// step is the one whose whole multiples they are. Empty where nothing stands out. Precondition: 0 < finest <
-  /// coarsest.
+  /// Steps (mm, px) between `finest` and `coarsest` whose lines are strongest, or stand out most from their
+  /// neighbourhood, in turn, at most `most`; a line at a multiple of another's frequency is not listed beside it, nor
+  /// one of which `usual` values of the same targets have the like at about that frequency. Where all values meet zero
+  /// as well, the step is the one whose whole multiples they are. Empty where nothing stands out. Precondition: 0 <
+  /// finest < coarsest.
   std::vector<double> depth_mm(double finest, double coarsest, int most, const ValueSteps& usual) const;
   std::vector<double> disparity_px(double finest, double coarsest, int most, const ValueSteps& usual) const;
 

@@ -41,6 +41,7 @@ std::optional<Rung> Adding::lens_put_back(const Rung& rung, const std::string& i
   const Layout& layout = experiment_.layout();
   const auto rows = motion_rows(layout, rung.standard, motions_);
   SensorModel model = rung.model;
+  Eigen::VectorXd value = rung.fit.value;
   std::vector<double> stands = values_of(motions_, rung.offsets);
   bool moved = false;
   for (std::size_t m = 0; m < motions_.size(); ++m) {
@@ -54,8 +55,9 @@ std::optional<Rung> Adding::lens_put_back(const Rung& rung, const std::string& i
         if (row != 0) lens += row * row, effect += slope * slope, both += row * slope;
       }
       if (effect == 0 || std::abs(both) < alike * std::sqrt(lens * effect)) continue;
-      const double wanted = parameter.natural(rung.fit.value[p] + rung.nuisances[m] * both / effect);
-      value_in(model, id, parameter.name).value = std::clamp(wanted, parameter.lower, parameter.upper);
+      value[p] += rung.nuisances[m] * both / effect;
+      value_in(model, id, parameter.name).value =
+          std::clamp(parameter.natural(value[p]), parameter.lower, parameter.upper);
       stands[m] = 0;
       moved = true;
       break;
