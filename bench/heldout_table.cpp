@@ -65,7 +65,7 @@ int run(const std::string& path, const std::vector<std::string>& files, const st
     print(found, models[k].name);
     rungs.push_back(std::move(found.rung));
   }
-  const auto judged = scores(experiment.layout(), rungs[1], measured.all, rungs);
+  const auto judged = scores(experiment.layout(), rungs[1], measured.all, {&rungs[0], &rungs[1]});
   fmt::print("\n| channel | {} | {} |\n|---|---|---|\n", models[0].name, models[1].name);
   for (const auto& [segment, value] : judged[0].by_segment)
     fmt::print("| {} | {:.3g} | {:.3g} |\n", segment, value, judged[1].by_segment.at(segment));

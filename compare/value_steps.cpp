@@ -32,7 +32,7 @@ class Lines {
     for (const std::complex<float> l : line) modulus_.push_back(std::abs(l));
   }
 
-  std::vector<double> steps(double finest, double coarsest, int most, const Lines& usual) const {
+  std::vector<ReadStep> steps(double finest, double coarsest, int most, const Lines& usual) const {
     if (total_ < fewest_values) return {};
     const double length = bin_ * static_cast<double>(histogram_.size());
     const int low = std::max(4, static_cast<int>(length / coarsest));
@@ -51,8 +51,11 @@ class Lines {
         if (std::ranges::find(lines, line) == lines.end()) lines.push_back(line);
       }
     lines.resize(std::min(lines.size(), static_cast<std::size_t>(most)));
-    std::vector<double> result;
-    for (const int line : lines) result.push_back(length / refined(line));
+    std::vector<ReadStep> result;
+    for (const int line : lines) {
+      const double step = length / refined(line);
+      result.push_back({step, step * step / (2 * bin_ * typical_value())});
+    }
     return result;
   }
 
@@ -171,11 +174,12 @@ void ValueSteps::add(const cv::Mat& depth_mm, double focal_baseline) {
   }
 }
 
-std::vector<double> ValueSteps::depth_mm(double finest, double coarsest, int most, const ValueSteps& usual) const {
+std::vector<ReadStep> ValueSteps::depth_mm(double finest, double coarsest, int most, const ValueSteps& usual) const {
   return Lines(depth_, depth_bin_mm).steps(finest, coarsest, most, Lines(usual.depth_, depth_bin_mm));
 }
 
-std::vector<double> ValueSteps::disparity_px(double finest, double coarsest, int most, const ValueSteps& usual) const {
+std::vector<ReadStep> ValueSteps::disparity_px(double finest, double coarsest, int most,
+                                               const ValueSteps& usual) const {
   return Lines(disparity_, disparity_bin_px).steps(finest, coarsest, most, Lines(usual.disparity_, disparity_bin_px));
 }
 

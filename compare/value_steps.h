@@ -14,6 +14,14 @@
 
 namespace binrig {
 
+/// A step that values seem to come in.
+struct ReadStep {
+  double value = 0;
+  /// Surely nearer than this: so far off, the typical (mean) value would lie between two whole multiples where it lies
+  /// on one, value^2 / (2 mean). What is read is some ten times nearer.
+  double uncertainty = 0;
+};
+
 /// Counts the values of a recording up to 5.2 m and 512 px (6 MB; memory does not grow with the number of frames).
 class ValueSteps {
  public:
@@ -28,8 +36,8 @@ class ValueSteps {
   /// one of which `usual` values of the same targets have the like at about that frequency. Where all values meet zero
   /// as well, the step is the one whose whole multiples they are. Empty where nothing stands out. Precondition: 0 <
   /// finest < coarsest.
-  std::vector<double> depth_mm(double finest, double coarsest, int most, const ValueSteps& usual) const;
-  std::vector<double> disparity_px(double finest, double coarsest, int most, const ValueSteps& usual) const;
+  std::vector<ReadStep> depth_mm(double finest, double coarsest, int most, const ValueSteps& usual) const;
+  std::vector<ReadStep> disparity_px(double finest, double coarsest, int most, const ValueSteps& usual) const;
 
  private:
   std::vector<std::uint32_t> depth_, disparity_;

@@ -69,7 +69,7 @@ std::optional<Rung> Adding::lens_put_back(const Rung& rung, const std::string& i
 }
 
 void Adding::hold(const Refined& hypothesis, RungOptions& options) {
-  if (!hypothesis.held) return;
+  if (!hypothesis.held && !hypothesis.step_seen) return;
   for (const auto& [name, value] : hypothesis.model.find(hypothesis.id)->values)
     if (value.ci95) options.fixed.push_back(hypothesis.id + "." + name);
 }

@@ -1,6 +1,7 @@
 #include "diagnose/anew.h"
 
 #include <algorithm>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -12,19 +13,21 @@ namespace binrig {
 namespace {
 
 constexpr double right_step = 0.9;  // of chi without it, that the right one leaves at most
+constexpr double half = 0.5;        // of the least share: a gain before anything is fitted is no more than a sign
 
 /// Where a hypothesis comes nearest before it is fitted.
 struct Start {
   int hypothesis = 0;
   std::map<std::string, double> values;
   double chi = 0;
+  double gain = 0;  // of chi
 };
 
 }  // namespace
 
 std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions,
                             const Measurement& measured, const Beginning& from, const Hypotheses& hypotheses, int known,
-                            int most, std::uint64_t seed) {
+                            int most, std::uint64_t seed, const std::vector<double>& least_share) {
   const auto& [given, signatures, simulations] = from;
   constexpr int frames = 3;
   const Layout& layout = experiment.layout();
@@ -53,7 +56,7 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
   std::vector<double> chi(signatures.size());
   std::vector<char> turned(signatures.size(), 0);  // the other sign is nearer
   parallel_for(static_cast<int>(signatures.size()), [&](int s) {
-    const Whitened change = standard.difference(signatures[s].change);
+    const Whitened change = standard.difference(*signatures[s].change);
     const auto left = [&](float sign) {
       Whitened rest = data;
       for (std::size_t i = 0; i < rest.size(); ++i) rest[i] -= sign * change[i];
@@ -71,13 +74,6 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
     const auto [at, fresh] = best.try_emplace(signatures[s].hypothesis, s);
     if (!fresh && chi[s] < chi[at->second]) at->second = s;
   }
-  std::vector<Start> starts;
-  for (const auto& [h, s] : best) {
-    starts.push_back({h, path_of(s).atoms[signatures[s].atom].values, chi[s]});
-    if (turned[s]) starts.back().values[hypotheses.tested[h].declaration->amplitude] *= -1;
-  }
-
-  // Signatures know few periods and steps. About the fitted model others may look right than about the given one.
   Rung as_given;
   as_given.model = given;
   as_given.standard = standard;
@@ -85,20 +81,40 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
   Explained explained = free.explain(data);
   as_given.rest = std::move(explained.rest);
   as_given.nuisances = std::move(explained.values);
+  std::vector<Start> starts;
+  for (const auto& [h, s] : best) {
+    starts.push_back({h, path_of(s).atoms[signatures[s].atom].values, chi[s], explained.chi - chi[s]});
+    if (turned[s]) starts.back().values[hypotheses.tested[h].declaration->amplitude] *= -1;
+  }
+
+  // Signatures know few periods and steps. About the fitted model others may look right than about the given one.
   const Refiner refiner{experiment, motions, as_given, measured, 2, seed + 1, Part::train, frames};
   const double without = remainder_of(refiner, given, {}, {}).train;
+  const auto is_step_of = [&](const Start& start) { return is_step(*hypotheses.tested[start.hypothesis].declaration); };
+  const auto try_at = [&](Start& start, const std::map<std::string, double>& values) {
+    const std::string& effect = hypotheses.tested[start.hypothesis].effect;
+    const double its = remainder_of(refiner, with_effect(given, catalogue, effect, values), {}, {}).train;
+    if (is_step_of(start) || its < start.chi) start = {start.hypothesis, values, its, without - its};
+  };
   for (Start& start : starts) {
     const Hypothesis& hypothesis = hypotheses.tested[start.hypothesis];
-    const bool step = is_step(*hypothesis.declaration);
-    if (!step && !has_period(*hypothesis.declaration)) continue;
-    const LinearGain found = look_close_by(refiner, hypothesis, {start.hypothesis, 0, start.values}, signatures);
-    const SensorModel with = with_effect(given, catalogue, hypothesis.effect, found.values);
-    const double its = remainder_of(refiner, with, {}, {}).train;
-    if (step || its < start.chi) start = {start.hypothesis, found.values, its};
+    if (is_step_of(start) || has_period(*hypothesis.declaration))
+      try_at(start, look_close_by(refiner, hypothesis, {start.hypothesis, 0, start.values}, signatures).values);
   }
-  // A wrong step is no way to the right one.
+  // What explains too little is no way to what explains more.
+  const auto least = [&](const Start& start) {
+    return least_share.empty() ? -std::numeric_limits<double>::infinity()
+                               : half * least_share[start.hypothesis] * without;
+  };
+  if (!least_share.empty()) {
+    // Signatures are of two strengths. What the linear view makes of one between is to prove it.
+    const auto linear = Ranking(experiment, as_given, hypotheses, signatures).gains(as_given.rest, as_given.nuisances);
+    for (Start& start : starts)
+      if (!is_step_of(start) && start.gain < least(start) && linear[start.hypothesis].gain >= least(start))
+        try_at(start, linear[start.hypothesis].values);
+  }
   std::erase_if(starts, [&](const Start& start) {
-    return is_step(*hypotheses.tested[start.hypothesis].declaration) && start.chi > right_step * without;
+    return is_step_of(start) ? start.chi > right_step * without : start.gain < least(start);
   });
   std::sort(starts.begin(), starts.end(), [](const Start& a, const Start& b) { return a.chi < b.chi; });
 
@@ -106,7 +122,7 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
   if (!starts.empty() && starts[0].hypothesis == known) return result;
   for (const Start& start : starts) {
     const Hypothesis& hypothesis = hypotheses.tested[start.hypothesis];
-    if (tracing()) fmt::print(stderr, "  anew: {} chi {:.0f}\n", hypothesis.effect, start.chi);
+    if (tracing()) fmt::print(stderr, "  anew: {} chi {:.0f} of {:.0f}\n", hypothesis.effect, start.chi, without);
     if (static_cast<int>(result.size()) >= most) break;
     SensorModel model = given;
     Anew anew;

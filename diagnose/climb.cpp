@@ -219,6 +219,7 @@ class Climb {
     finish(next, options);
     const bool by_its_map = found.accepted.map && found.accepted.map_looks_random;
     if (!climb(found.refined, std::move(next), {unproven, by_its_map, found.refined.happens_or_not})) return false;
+    leave_behind(climbed_.rungs[climbed_.rungs.size() - 2]);
     climbed_.options = options;
     climbed_.candidates.push_back(found.report);
     climbed_.evidence.accepted.push_back(found.accepted);
@@ -245,8 +246,10 @@ class Climb {
     instance.values = other.model.find(other.id)->values;
     hypothesis.id = instance.id;
     // What moves the same leaves all else where it is.
-    Rung next = adding_.to(rung, hypothesis, climbed_.options, false);
-    finish(next, climbed_.options);
+    RungOptions options = climbed_.options;
+    Adding::hold(hypothesis, options);
+    Rung next = adding_.to(rung, hypothesis, options, false);
+    finish(next, options);
     const auto [before, after] = left_by(rung, next);
     if (tracing())
       fmt::print(stderr, "  {} for {}: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", other.effect,
@@ -260,6 +263,8 @@ class Climb {
                                   {{next.model, hypothesis.id, next.fit}});
       return;
     }
+    climbed_.options = options;
+    leave_behind(climbed_.rungs.back());
     climbed_.rungs.push_back(std::move(next));
     climbed_.added.push_back(other.effect);
     climbed_.removed.resize(climbed_.rungs.size());
@@ -340,7 +345,7 @@ class Climb {
   /// What two models leave that come one after the other, the second one's randomness being the scale.
   std::pair<Left, Left> left_by(const Rung& one, const Rung& next) const {
     const Layout& layout = experiment_.layout();
-    const auto judged = scores(layout, next, measured_.all, {one, next});
+    const auto judged = scores(layout, next, measured_.all, {&one, &next});
     const auto of = [&](const Score& score, const Rung& rung) {
       return Left{score.heldout, proper_score(layout, rung), unexplained(layout, rung), score.statistics};
     };

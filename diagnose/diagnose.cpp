@@ -146,7 +146,9 @@ class Findings {
 
   void report() {
     Rung& last = climbed_.rungs.back();
-    const auto ladder = scores(experiment_.layout(), last, measured_.all, climbed_.rungs);
+    std::vector<const Rung*> rungs;
+    for (const Rung& rung : climbed_.rungs) rungs.push_back(&rung);
+    const auto ladder = scores(experiment_.layout(), last, measured_.all, rungs);
     if (!diagnosis_.candidates.empty()) take_last_step(last);
     for (std::size_t k = 0; k < climbed_.rungs.size(); ++k)
       diagnosis_.ladder.push_back(

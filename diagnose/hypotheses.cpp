@@ -133,13 +133,13 @@ Hypothesis make(const EffectDeclaration& effect) {
 void add_seen(const SeenSteps& seen, Hypothesis& hypothesis) {
   if (!is_step(*hypothesis.declaration)) return;
   const ParameterSpec* amplitude = hypothesis.declaration->parameter(hypothesis.declaration->amplitude);
-  const std::vector<double>& steps = amplitude->unit == "px" ? seen.disparity_px : seen.depth_mm;
-  for (const double step : steps) hypothesis.seen.push_back(clip(*amplitude, step));
+  for (const ReadStep& step : amplitude->unit == "px" ? seen.disparity_px : seen.depth_mm)
+    if (amplitude->lower <= step.value && step.value <= amplitude->upper) hypothesis.seen.push_back(step);
   for (StrengthPath& path : hypothesis.paths) {
     const Atom like = path.atoms.front();
-    for (const double step : hypothesis.seen) {
+    for (const ReadStep& step : hypothesis.seen) {
       path.atoms.push_back(like);
-      path.atoms.back().values[amplitude->name] = step;
+      path.atoms.back().values[amplitude->name] = step.value;
     }
   }
 }
@@ -192,9 +192,11 @@ std::vector<Hypothesis> at_periods(const Hypothesis& hypothesis, const std::map<
 
 }  // namespace
 
-bool Hypothesis::seen_at(const std::map<std::string, double>& values) const {
+const ReadStep* Hypothesis::seen_at(const std::map<std::string, double>& values) const {
   const auto amplitude = values.find(declaration->amplitude);
-  return amplitude != values.end() && std::ranges::find(seen, amplitude->second) != seen.end();
+  if (amplitude == values.end()) return nullptr;
+  const auto step = std::ranges::find(seen, amplitude->second, &ReadStep::value);
+  return step == seen.end() ? nullptr : &*step;
 }
 
 SensorModel with_effect(const SensorModel& model, const EffectCatalogue& catalogue, const std::string& effect,

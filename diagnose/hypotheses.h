@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "compare/value_steps.h"
 #include "core/forward_model.h"
 
 namespace binrig {
@@ -33,10 +34,10 @@ struct Hypothesis {
   std::string effect;
   const EffectDeclaration* declaration = nullptr;
   std::vector<StrengthPath> paths;
-  std::vector<double> seen;  ///< of a step: values of its amplitude that are of SeenSteps
+  std::vector<ReadStep> seen;  ///< of a step: values of its amplitude that are of SeenSteps
 
-  /// Are these values the hypothesis at a step that was seen?
-  bool seen_at(const std::map<std::string, double>& values) const;
+  /// The step that was seen which these values are the hypothesis at; null if at none.
+  const ReadStep* seen_at(const std::map<std::string, double>& values) const;
 };
 
 /// Effects that this recording could not show: name and unmet needs.
@@ -83,7 +84,7 @@ double period_spacing(const ParameterSpec& period, double value, int cols);
 
 /// Steps that the recorded values seem to come in and the model's do not, see StepReader.
 struct SeenSteps {
-  std::vector<double> depth_mm, disparity_px;
+  std::vector<ReadStep> depth_mm, disparity_px;
 };
 
 /// Every effect of the catalogue that the model lacks and the recording could show. A step of depth or of disparity

@@ -135,7 +135,7 @@ LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, c
   std::vector<double> power(experiment.layout().captures, 0);
   for (const Signature& signature : signatures)
     if (signature.hypothesis == start.hypothesis)
-      add_power(experiment.layout(), rung.standard.difference(signature.change), power);
+      add_power(experiment.layout(), rung.standard.difference(*signature.change), power);
   SignatureOptions few;
   few.seeds = 1;
   few.most_frames = 2;

@@ -153,6 +153,13 @@ std::vector<NuisanceRow> learn_randomness(const Experiment& experiment, const st
 
 }  // namespace
 
+void leave_behind(Rung& rung) {
+  for (auto* vectors : {&rung.fit.slopes, &rung.fit.simulations, &rung.simulations, &rung.nulls}) vectors->clear();
+  rung.fit.seed_slopes.clear();
+  rung.others.clear();
+  rung.train = rung.test = {};
+}
+
 std::vector<std::string> parameters_bent(const Rung& rung, const SensorModel& given, double deviations) {
   std::vector<std::string> result;
   for (std::size_t p = 0; p < rung.fit.parameters.size(); ++p) {

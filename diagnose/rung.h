@@ -29,6 +29,10 @@ struct Rung {
   double dispersion = 1;                ///< mean square of the residual on train over that of the nulls, at least 1
 };
 
+/// Frees what only the last rung of a ladder is asked for, which is most of its memory: nothing is fitted, searched or
+/// judged from this one any more, only scored (scores, proper_score) and drawn.
+void leave_behind(Rung& rung);
+
 struct RungOptions {
   int simulations = 48;  ///< half as many where the dispersion is beyond 2; 8, if that is fewer, beyond 8
   int pose_draws = 12;   ///< different random registrations among the simulations

@@ -99,7 +99,7 @@ std::vector<int> captures_that_stand_out(const Layout& layout, const Rung& rung)
 }
 
 std::vector<Score> scores(const Layout& layout, const Rung& last_rung, const StatVector& data,
-                          const std::vector<Rung>& rungs) {
+                          const std::vector<const Rung*>& rungs) {
   const Rung shaking = last_rung.standard.has_modes() ? with_modes(last_rung) : Rung{};
   const Rung& last = last_rung.standard.has_modes() ? shaking : last_rung;
   std::vector<double> floor(parts(), 0);
@@ -123,7 +123,8 @@ std::vector<Score> scores(const Layout& layout, const Rung& last_rung, const Sta
   std::sort(own.begin(), own.end());
 
   std::vector<Score> result;
-  for (const Rung& rung : rungs) {
+  for (const Rung* of : rungs) {
+    const Rung& rung = *of;
     const Standard* model = &rung.standard;
     StatVector difference(data.size());
     for (std::size_t i = 0; i < data.size(); ++i) difference[i] = data[i] - model->mean()[i];

@@ -240,7 +240,11 @@ class Search {
     refined.random_map = unit_maps_.looks_random(h);
     std::map<std::string, double> values;
     for (const auto& [name, value] : refined.model.find(refined.id)->values) values[name] = value.value;
-    refined.step_seen = hypotheses_.tested[h].seen_at(values);
+    if (const ReadStep* step = hypotheses_.tested[h].seen_at(values)) {
+      refined.step_seen = true;
+      value_in(refined.model, refined.id, hypotheses_.tested[h].declaration->amplitude).ci95 = {
+          {step->value - step->uncertainty, step->value + step->uncertainty}};
+    }
     Refiner refiner = refiner_;
     refined.happens_or_not = happens_or_not(*hypotheses_.tested[h].declaration);
     refined.held = unit_maps_.gives_parameters(h) || refined.happens_or_not;
@@ -388,8 +392,11 @@ class Search {
     const auto best = std::max_element(accepted.begin(), accepted.end(),
                                        [](const Refined* a, const Refined* b) { return a->score() < b->score(); });
     const int known = best == accepted.end() ? -1 : (*best)->hypothesis;
-    for (Anew& anew :
-         look_anew(experiment_, motions_, measured_, from, hypotheses_, known, options_.anew, options_.seed + 60)) {
+    const double by_chance = rung_.train.explain(rung_.data, rung_.place).chi / rung_.dispersion;
+    std::vector<double> least_share;
+    for (const double gate : own_gate_) least_share.push_back(gate / by_chance);
+    for (Anew& anew : look_anew(experiment_, motions_, measured_, from, hypotheses_, known, options_.anew,
+                                options_.seed + 60, least_share)) {
       // What the rung has learned of all else is worth more than what a fit from far away did, or it went astray.
       LinearGain start = result_.linear[anew.hypothesis];
       for (auto& [name, value] : start.values) value = anew.fit.model.find(anew.id)->value(name);

@@ -117,6 +117,7 @@ bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
   // Fits end where depth edges happen to meet the pixels, and the one with more freedom finds the better place. Where
   // signatures, which all stand at the same place, do not clearly say the same, a narrow win proves nothing.
   // Unless the two move nothing in common: then each explains its own, and both are missing.
+  if (std::abs(s.cosine) < in_common && lost <= -by_chance) return false;
   const double linear = a.linear_gain - a.price, other_linear = b.linear_gain - b.price;
   const bool views_differ =
       (other_linear > linear && std::abs(s.cosine) >= in_common) ||

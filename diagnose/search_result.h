@@ -26,7 +26,7 @@ struct Refined {
   /// Its parameters are those of a map that was recognised, or what its signatures say, with intervals: no fit says
   /// more of them.
   bool held = false;
-  bool step_seen = false;  ///< stands at a step that was read off the recorded values: no other one is sought
+  bool step_seen = false;    ///< stands at a step that was read off the recorded values, and stays there
   Whitened change;           ///< what it moves, all captures
   double shown_on_test = 0;  ///< square of that on the captures held out, dispersion divided out
   int shown_in = 0;          ///< the train capture that shows it most
@@ -100,9 +100,10 @@ struct Separation {
 Separation separation(const Rung& rung, const Refined& a, const Refined& b);
 /// Do they move something in common (cosine of at least 0.1)? If not, each explains its own.
 bool moves_the_same(const Rung& rung, const Refined& a, const Refined& b);
-/// True if the data cannot tell b from the better a: what a gains over b lies within what chance makes of two models
-/// that far apart, or is less than a quarter of what a gains where b gains more by its signatures, or as much but for
-/// chance (9) and both move mostly the same (cosine of 0.7).
+/// True if the data cannot tell b from a, which is taken for the better one: what a gains over b lies within what
+/// chance makes of two models that far apart, or is less than a quarter of what a gains where b gains more by its
+/// signatures, or as much but for chance (9) and both move mostly the same (cosine of 0.7). Of a weaker one that comes
+/// later, a stronger b that moves nothing in common with it is none.
 bool confounded(const Rung& rung, const Refined& a, const Refined& b);
 
 /// Those of `worthy` (best first) that move nothing that the best one moves, nor what those before them move (cosine

@@ -139,7 +139,8 @@ void SignatureBook::look_at(const std::vector<int>& hypotheses, bool detail) {
     parallel_for(last - first, [&](int i) {
       const std::vector<StatVector> own(with.begin() + begins[i], with.begin() + begins[i + 1]);
       found[first + i] = {places[first + i].hypothesis, places[first + i].path, places[first + i].atom,
-                          shrunk_change(experiment_.layout(), spread_, own, without_[series[i]], options_.map_share)};
+                          std::make_shared<const StatVector>(shrunk_change(experiment_.layout(), spread_, own,
+                                                                           without_[series[i]], options_.map_share))};
     });
   }
   signatures_.insert(signatures_.end(), std::make_move_iterator(found.begin()), std::make_move_iterator(found.end()));
@@ -155,7 +156,7 @@ Ranking::Ranking(const Experiment& experiment, const Rung& rung, const Hypothese
     const Signature& s = signatures[i];
     rows_[i] = {s.hypothesis, s.path, s.atom, {}, {}};
     // Nuisances first: what a pose makes up for is large, and squeezed it would look like something else.
-    rows_[i].change = metric_.apply(rung.standard.difference(s.change), rows_[i].nuisances);
+    rows_[i].change = metric_.apply(rung.standard.difference(*s.change), rows_[i].nuisances);
     compress(rows_[i].change);
   });
   for (int i = 0; i < static_cast<int>(rows_.size()); ++i) {

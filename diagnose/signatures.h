@@ -1,6 +1,7 @@
 // What each hypothesis would change in the statistics, and how much of the residual that would explain.
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -12,7 +13,7 @@ namespace binrig {
 /// Simulated mean change of the statistics on train by one atom, each segment shrunk by its share of signal.
 struct Signature {
   int hypothesis = 0, path = 0, atom = 0;
-  StatVector change;
+  std::shared_ptr<const StatVector> change;  ///< lists of some of a book's signatures share it
 };
 
 struct SignatureOptions {

@@ -1,7 +1,6 @@
 #include "diagnose/step_reader.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include "diagnose/trace.h"
 
@@ -33,9 +32,10 @@ SeenSteps StepReader::seen(const SensorModel& model) const {
   }
   SeenSteps seen{values_.depth_mm(finest_mm, coarsest_mm, most, usual),
                  values_.disparity_px(finest_px, coarsest_px, most, usual)};
-  if (tracing())
-    fmt::print(stderr, "steps seen in the values: {:.5g} mm; {:.5g} px\n", fmt::join(seen.depth_mm, ", "),
-               fmt::join(seen.disparity_px, ", "));
+  if (tracing()) {
+    for (const ReadStep& step : seen.depth_mm) fmt::print(stderr, "a step in the values: {:.5g} mm\n", step.value);
+    for (const ReadStep& step : seen.disparity_px) fmt::print(stderr, "a step in the values: {:.5g} px\n", step.value);
+  }
   return seen;
 }
 

@@ -21,7 +21,7 @@ struct HeldOut {
 
 /// On the scale of the first.
 HeldOut held_out(const Experiment& experiment, const Measurement& measured, const Rung& with, const Rung& without) {
-  const auto judged = scores(experiment.layout(), with, measured.all, {with, without});
+  const auto judged = scores(experiment.layout(), with, measured.all, {&with, &without});
   return {judged[0].heldout, judged[1].heldout};
 }
 
@@ -73,6 +73,7 @@ void take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
     RungOptions options = climbed.options;
     options.narrow = again.narrow;
     Rung next = fit_rung(experiment, motions, measured, model, last.offsets, options);
+    leave_behind(climbed.rungs.back());
     climbed.rungs.push_back(std::move(next));
     climbed.added.push_back("");
     climbed.removed.push_back(candidate.effect);

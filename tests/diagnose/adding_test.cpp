@@ -46,5 +46,29 @@ TEST(Adding, TheLensGoesBackToWhereItIsStatedAndTheEffectTakesItsPart) {
   EXPECT_FALSE(adding.lens_put_back(*swapped, "spectral_noise", options));
 }
 
+// What is missing besides pulls a step that is fitted or tried to where it does not belong.
+TEST(Adding, AStepThatWasSeenStaysWhereItWasRead) {
+  constexpr double seen = 0.52;
+  const SensorModel given = noise_alone(0.3);
+  SensorModel truth = given;
+  add_effect(truth, effect_catalogue(), "depth_units", {{"step", 0.55}});
+  const Case c(truth, given);
+  RungOptions options;
+  options.simulations = 8;
+  const Rung rung = fit_rung(c.experiment, c.motions, c.measured, given, {}, options);
+  Refined step;
+  step.effect = "depth_units";
+  step.model = with_effect(given, effect_catalogue(), "depth_units", {{"step", seen}});
+  step.id = step.model.effects.back().id;
+  const Adding adding(c.experiment, c.motions, c.measured, given, 3);
+  const auto value = [&] { return adding.to(rung, step, options).model.find(step.id)->values.at("step"); };
+  EXPECT_NE(value().value, seen) << "tried, if it was not seen";
+  step.step_seen = true;
+  value_in(step.model, step.id, "step").ci95 = {{seen - 0.01, seen + 0.01}};
+  EXPECT_EQ(value().value, seen);
+  ASSERT_TRUE(value().ci95);
+  EXPECT_EQ((*value().ci95)[0], seen - 0.01);
+}
+
 }  // namespace
 }  // namespace binrig

@@ -63,6 +63,29 @@ TEST(LookAnew, SeesAFocalErrorBesideWhatWasAdded) {
   EXPECT_NEAR(found[0].fit.model.find(found[0].id)->value("error"), 0.02, 3 * 0.25 / 110);
 }
 
+TEST(LookAnew, FitsOnlyWhatExplainsEnoughBeforeItIsFitted) {
+  // Signatures stand at 0.5 and 1.2 px or so: a quarter of a pixel is nearer to none than to the weaker of them.
+  const SensorModel given = model_with("depth_offset", {{"offset", 0}});
+  SensorModel truth = given;
+  add_effect(truth, effect_catalogue(), "radial_distortion", {{"amplitude", 0.25}});
+  const Case c(truth, given);
+  const Hypotheses hypotheses = hypotheses_of(c, given, {"radial_distortion", "lateral_noise", "heavy_tails"});
+  ASSERT_EQ(hypotheses.tested.size(), 3);
+  SignatureBook book(c.experiment, given, hypotheses, {});
+  book.look_at({0, 1, 2}, false);
+  std::vector<double> least_share(3, 0.02);  // noise that is not there explains nothing, of whatever is left
+  const auto looks = [&] {
+    return look_anew(c.experiment, c.motions, c.measured, {given, book.signatures(), book.simulations()}, hypotheses,
+                     -1, 3, 11, least_share);
+  };
+  const auto found = looks();
+  ASSERT_EQ(found.size(), 1);
+  ASSERT_EQ(hypotheses.tested[found[0].hypothesis].effect, "radial_distortion");
+  EXPECT_NEAR(found[0].fit.model.find(found[0].id)->value("amplitude"), 0.25, 0.1);
+  least_share[found[0].hypothesis] = 2;  // half of that is all
+  EXPECT_TRUE(looks().empty());
+}
+
 TEST(SignatureBook, KeepsInTheMeanWhatOtherPixelsTossForInEachSimulation) {
   const SensorModel given = model_with("depth_offset", {{"offset", 0}});
   const Case c(given, given);
@@ -76,7 +99,7 @@ TEST(SignatureBook, KeepsInTheMeanWhatOtherPixelsTossForInEachSimulation) {
     for (int capture = 0; capture < layout.captures; ++capture) {
       if (!layout.train[capture]) continue;
       const Block& block = *layout.find(capture, "drop-out");
-      const float* first = signature.change.data() + block.offset;
+      const float* first = signature.change->data() + block.offset;
       EXPECT_GT(*std::max_element(first, first + block.size), 0.f) << "atom " << signature.atom;
     }
 }

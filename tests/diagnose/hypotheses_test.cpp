@@ -92,7 +92,7 @@ TEST(Hypotheses, WherePixelsComeAndGoBothSignsAreSimulated) {
 
 TEST(Hypotheses, StepsSeenInTheValuesAreTriedByUnit) {
   const NoMotion forward;
-  const SeenSteps seen{{0.731, 1e6}, {0.0417}};
+  const SeenSteps seen{{{0.731, 1e-3}, {1e6, 1}}, {{0.0417, 1e-5}}};
   int steps = 0;
   for (const auto& h : make_hypotheses(forward, one_effect_model(), seen).tested) {
     std::set<double> tried;

@@ -125,10 +125,18 @@ TEST(UnfittedRung, SaysWhatTheFittedOneDoesAndThatWithoutAnEffectMuchIsLeft) {
   const auto unfitted = [&](const SensorModel& model) {
     return unfitted_rung(c.experiment, c.motions, c.measured, model, fitted.offsets, options);
   };
-  const auto judged =
-      scores(c.experiment.layout(), fitted, c.measured.all, {fitted, unfitted(fitted.model), unfitted(lacking)});
+  const Rung same = unfitted(fitted.model), without = unfitted(lacking);
+  const auto judged = scores(c.experiment.layout(), fitted, c.measured.all, {&fitted, &same, &without});
   EXPECT_NEAR(judged[1].heldout, judged[0].heldout, 0.05);
   EXPECT_GT(judged[2].heldout, judged[0].heldout + 1);
+
+  // Left behind on the ladder, a rung is scored as before.
+  Rung left_behind = without;
+  leave_behind(left_behind);
+  const auto again = scores(c.experiment.layout(), fitted, c.measured.all, {&left_behind});
+  EXPECT_EQ(again[0].heldout, judged[2].heldout);
+  EXPECT_EQ(again[0].proper, judged[2].proper);
+  EXPECT_EQ(again[0].bias_rms_mm, judged[2].bias_rms_mm);
 }
 
 TEST(CombSteps, FindsTheToothThatAFitBesideItDoesNot) {

@@ -80,6 +80,14 @@ TEST(Confounded, WhatMovesNothingInCommonIsMissingItselfHoweverMuchItGains) {
   EXPECT_TRUE(pair.confounded());
 }
 
+TEST(Confounded, NorIsWhatMovesNothingInCommonWithAWeakerOne) {
+  Pair pair(400, 500, 15);   // as where the stronger one comes first, and this one waits for its turn
+  pair.other.change[3] = 1;  // cosine 1 / 15
+  EXPECT_FALSE(pair.confounded());
+  pair.other.change[3] = 2;
+  EXPECT_TRUE(pair.confounded());
+}
+
 TEST(Confounded, WhereTheHeldOutCapturesSayNothingThoseFittedToDecide) {
   Pair pair(400, 5, 15);
   pair.better.test_gain = -2000, pair.other.test_gain = 40;  // a target that stands wrong without the better one

@@ -27,8 +27,9 @@ SeenSteps seen_in(const Case& c, const SensorModel& model) {
   return steps.seen(model);
 }
 
-bool has(const std::vector<double>& steps, double step) {
-  return std::ranges::any_of(steps, [&](double s) { return std::abs(s / step - 1) < 1e-4; });
+bool has(const std::vector<ReadStep>& steps, double step) {
+  return std::ranges::any_of(
+      steps, [&](const ReadStep& read) { return std::abs(read.value - step) < 0.2 * read.uncertainty; });
 }
 
 TEST(StepReader, SeesStepsThatTheModelLacks) {
