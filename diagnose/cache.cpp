@@ -3,10 +3,12 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 
 #include "core/random.h"
 
@@ -14,7 +16,31 @@ namespace binrig {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr std::uint32_t magic = 0x62726731;
+constexpr std::uint32_t magic = 0x62726732;
+constexpr std::uint32_t too_many = 1u << 28;  // values: no file of ours
+
+/// Ends of alternating runs of values that are unknown (NaN) and known, the first one unknown, perhaps empty. A file
+/// holds the known ones: a simulation is often of few captures.
+std::vector<std::uint32_t> runs_of(const std::vector<float>& values) {
+  std::vector<std::uint32_t> ends;
+  bool known = false;
+  for (std::size_t i = 0; i <= values.size(); ++i) {
+    if (i < values.size() && std::isnan(values[i]) != known) continue;
+    ends.push_back(static_cast<std::uint32_t>(i));
+    known = !known;
+  }
+  return ends;
+}
+
+template <typename T>
+bool read_into(std::istream& in, T* to, std::size_t count) {
+  return static_cast<bool>(in.read(reinterpret_cast<char*>(to), static_cast<std::streamsize>(count * sizeof(T))));
+}
+
+template <typename T>
+void write_from(std::ostream& out, const T* from, std::size_t count) {
+  out.write(reinterpret_cast<const char*>(from), static_cast<std::streamsize>(count * sizeof(T)));
+}
 
 /// Removes the oldest files until at most bound bytes are left.
 void trim(const std::string& folder, std::uint64_t bound) {
@@ -69,12 +95,15 @@ std::string SimulationCache::path(std::uint64_t key) const {
 std::optional<std::vector<float>> SimulationCache::get(std::uint64_t key) const {
   if (!on()) return std::nullopt;
   std::ifstream in(path(key), std::ios::binary);
-  std::uint32_t head[2] = {};
-  if (!in.read(reinterpret_cast<char*>(head), sizeof head) || head[0] != magic || head[1] > (1u << 28))
-    return std::nullopt;
-  std::vector<float> values(head[1]);
-  if (!in.read(reinterpret_cast<char*>(values.data()), static_cast<std::streamsize>(values.size() * sizeof(float))))
-    return std::nullopt;
+  std::uint32_t head[3] = {};  // and how many values and runs
+  if (!read_into(in, head, 3) || head[0] != magic || head[1] > too_many || head[2] > head[1] + 2) return std::nullopt;
+  std::vector<std::uint32_t> ends(head[2]);
+  if (!read_into(in, ends.data(), ends.size())) return std::nullopt;
+  std::vector<float> values(head[1], std::numeric_limits<float>::quiet_NaN());
+  for (std::size_t r = 1; r < ends.size(); r += 2)
+    if (ends[r - 1] > ends[r] || ends[r] > values.size() ||
+        !read_into(in, values.data() + ends[r - 1], ends[r] - ends[r - 1]))
+      return std::nullopt;
   return values;
 }
 
@@ -85,10 +114,13 @@ void SimulationCache::put(std::uint64_t key, const std::vector<float>& values) c
   fs::create_directories(fs::path(final_path).parent_path(), ignored);
   {
     std::ofstream out(temporary, std::ios::binary);
-    const std::uint32_t head[2] = {magic, static_cast<std::uint32_t>(values.size())};
-    out.write(reinterpret_cast<const char*>(head), sizeof head);
-    out.write(reinterpret_cast<const char*>(values.data()),
-              static_cast<std::streamsize>(values.size() * sizeof(float)));
+    const std::vector<std::uint32_t> ends = runs_of(values);
+    const std::uint32_t head[3] = {magic, static_cast<std::uint32_t>(values.size()),
+                                   static_cast<std::uint32_t>(ends.size())};
+    write_from(out, head, 3);
+    write_from(out, ends.data(), ends.size());
+    for (std::size_t r = 1; r < ends.size(); r += 2)
+      write_from(out, values.data() + ends[r - 1], ends[r] - ends[r - 1]);
     if (!out) {
       fs::remove(temporary, ignored);
       return;

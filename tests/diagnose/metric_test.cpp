@@ -1,13 +1,11 @@
 #include "diagnose/metric.h"
 
 #include <cmath>
-#include <filesystem>
 #include <limits>
 
 #include <gtest/gtest.h>
 
 #include "core/random.h"
-#include "diagnose/cache.h"
 #include "diagnose/signatures.h"
 
 namespace binrig {
@@ -289,18 +287,6 @@ TEST(PValue, FallsWithTheGainAndSaysWhereItIsExtrapolated) {
   EXPECT_LT(large.p, 1 / 51.0);
   EXPECT_TRUE(large.extrapolated);
   EXPECT_LT(gain_p_value(60, nulls).p, large.p);
-}
-
-TEST(SimulationCache, KeepsWhatItWasGiven) {
-  const auto folder = std::filesystem::temp_directory_path() / "binrig_cache_test";
-  std::filesystem::remove_all(folder);
-  const SimulationCache cache(folder.string());
-  EXPECT_FALSE(cache.get(42).has_value());
-  cache.put(42, {1.f, 2.f});
-  EXPECT_EQ(cache.get(42), (std::vector<float>{1.f, 2.f}));
-  std::filesystem::resize_file(*std::filesystem::recursive_directory_iterator(folder / "00"), 10);
-  EXPECT_FALSE(cache.get(42).has_value()) << "a torn file is no hit";
-  std::filesystem::remove_all(folder);
 }
 
 // Holding a nuisance where it is, is never to have heard of it; on the captures held out, too, whose prior is what
