@@ -20,6 +20,7 @@ CandidateReport Candidates::report_of(const Refined& refined, int null_count) co
   report.null_count = null_count;
   report.evidence = refined.test_gain;
   report.train_gain = refined.train_gain;
+  report.read_off = refined.step_seen;
   return report;
 }
 

@@ -60,6 +60,7 @@ struct CandidateReport {
   std::vector<AdvisedCapture> would_separate;  ///< that, simulated, tell it from those of told_from; best first
   std::vector<std::string> told_from;          ///< all of confounded_with, or one of them
   bool sought_captures = false;                ///< that would
+  bool read_off = false;  ///< a step whose value is that of the recorded values' own, whatever else is missing
 };
 
 /// An effect that explains much of the captures fitted to, but leaves no trace in those held out: no answer.

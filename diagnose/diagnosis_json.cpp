@@ -52,6 +52,7 @@ std::string diagnosis_json(const Diagnosis& diagnosis) {
       if (value.ci95) p["ci95"] = {number((*value.ci95)[0]), number((*value.ci95)[1])};
       entry["parameters"][parameter.name] = p;
     }
+    entry["read_off_the_values"] = candidate.read_off;
     entry["confounded_with"] = candidate.confounded_with;
     if (candidate.sought_captures) {
       auto& captures = entry["captures_that_would_separate"] = nlohmann::json::array();

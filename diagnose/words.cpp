@@ -117,6 +117,15 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
         text += "; to tell them apart, record " + list(captures);
       diagnosis.advice.push_back(text);
     }
+  for (const auto& candidate : diagnosis.candidates) {
+    const auto* effect = catalogue.find(candidate.effect);
+    if (!effect || !candidate.read_off) continue;
+    for (const auto& [parameter, value] : candidate.parameters)
+      if (parameter.name == effect->amplitude)
+        diagnosis.reasons.push_back(
+            fmt::format("{}: the recorded values themselves come in steps of {:.4g} {}, whatever else is missing.",
+                        candidate.effect, value.value, parameter.unit));
+  }
   for (const auto& [effect, capture] : diagnosis.unconfirmed)
     diagnosis.advice.push_back(fmt::format(
         "{} would explain much of {}, but no capture held out shows it, so that nothing confirms it: record "

@@ -74,6 +74,23 @@ TEST(Words, WhatExplainsMostIsNamedFirstAndWhatExplainsLittleIsNoCause) {
   EXPECT_THAT(little.reasons, Contains(HasSubstr("Do not take it for the cause")));
 }
 
+TEST(Words, AStepThatWasReadOffTheValuesIsAFactWhateverElseIsMissing) {
+  Diagnosis diagnosis = one_added(0.61, 0.08);
+  diagnosis.verdict = Verdict::unknown_effect;
+  diagnosis.ladder[1].score.heldout = 2;
+  CandidateReport& step = diagnosis.candidates[0];
+  step.effect = step.id = "disparity_quantisation";
+  FitParameter parameter;
+  parameter.id = step.id, parameter.name = "step", parameter.unit = "px";
+  step.parameters = {{parameter, ParameterValue{0.0625}}};
+  Diagnosis read = diagnosis;
+  read.candidates[0].read_off = true;
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_THAT(diagnosis.reasons, Not(Contains(HasSubstr("come in steps"))));
+  put_into_words(read, effect_catalogue(), {});
+  EXPECT_THAT(read.reasons, Contains(HasSubstr("come in steps of 0.0625 px")));
+}
+
 TEST(Words, WhatWasTakenOutAgainIsNotNamed) {
   Diagnosis diagnosis = one_added(0.61, 0.08);
   diagnosis.verdict = Verdict::unknown_effect;
