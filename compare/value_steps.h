@@ -14,7 +14,7 @@
 
 namespace binrig {
 
-/// A step that values seem to come in.
+/// A step that values seem to come in; both numbers in the values' unit, mm or px.
 struct ReadStep {
   double value = 0;
   /// Surely nearer than this: so far off, the typical (mean) value would lie between two whole multiples where it lies

@@ -17,8 +17,9 @@ class SimulationCache {
   /// recordings, each diagnosed once).
   explicit SimulationCache(const std::string& folder, std::uint64_t bound_mb = 2048, bool only_shared = false);
 
+  /// What was put in, NaN where that was NaN; nothing if it is not there or its file is torn. Throws nothing.
   std::optional<std::vector<float>> get(std::uint64_t key) const;
-  /// Written to a temporary name and renamed; a full disk is no error.
+  /// Written to a temporary name and renamed; a full disk is no error. NaN (unknown) takes no room.
   void put(std::uint64_t key, const std::vector<float>& values) const;
   bool on() const { return !folder_.empty(); }
   bool only_shared() const { return only_shared_; }

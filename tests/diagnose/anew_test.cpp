@@ -3,6 +3,7 @@
 #include "diagnose/anew.h"
 
 #include <algorithm>
+#include <numeric>
 #include <set>
 
 #include <gtest/gtest.h>
@@ -18,16 +19,28 @@ Hypotheses hypotheses_of(const Case& c, const SensorModel& given, const std::set
   return hypotheses;
 }
 
+/// All of the hypotheses with their first signatures about `given`.
+struct Asked {
+  Hypotheses hypotheses;
+  SignatureBook book;
+
+  Asked(const Case& c, const SensorModel& given, const std::set<std::string>& effects)
+      : hypotheses(hypotheses_of(c, given, effects)), book(c.experiment, given, hypotheses, {}) {
+    std::vector<int> all(hypotheses.tested.size());
+    std::iota(all.begin(), all.end(), 0);
+    book.look_at(all, false);
+  }
+};
+
 TEST(LookAnew, FindsAPeriodThatNoSignatureHas) {
   // Signatures know wavelengths of 50, 300 and 3000 mm or so; the wave at 130 mm is none of them.
   const SensorModel given = model_with("depth_offset", {{"offset", 0}});
   SensorModel truth = given;
   add_effect(truth, effect_catalogue(), "tof_wiggling", {{"amplitude", 0.55}, {"wavelength", 130}, {"phase", 1}});
   const Case c(truth, given);
-  const Hypotheses hypotheses = hypotheses_of(c, given, {"tof_wiggling", "depth_scale", "disparity_offset"});
+  const Asked asked(c, given, {"tof_wiggling", "depth_scale", "disparity_offset"});
+  const auto& [hypotheses, book] = asked;
   ASSERT_EQ(hypotheses.tested.size(), 3);
-  SignatureBook book(c.experiment, given, hypotheses, {});
-  book.look_at({0, 1, 2}, false);
   const auto looks = [&](int known) {
     return look_anew(c.experiment, c.motions, c.measured, {given, book.signatures(), book.simulations()}, hypotheses,
                      known, 1, 11);
@@ -51,10 +64,9 @@ TEST(LookAnew, SeesAFocalErrorBesideWhatWasAdded) {
   SensorModel truth = with_banding;
   add_effect(truth, effect_catalogue(), "focal_error", {{"error", 0.02}});
   const Case c(truth, with_banding);
-  const Hypotheses hypotheses = hypotheses_of(c, given, {"focal_error", "depth_scale", "disparity_offset"});
+  const Asked asked(c, given, {"focal_error", "depth_scale", "disparity_offset"});
+  const auto& [hypotheses, book] = asked;
   ASSERT_EQ(hypotheses.tested.size(), 3);
-  SignatureBook book(c.experiment, given, hypotheses, {});
-  book.look_at({0, 1, 2}, false);
   const Beginning from{with_banding, book.signatures(), book.simulations_of(with_banding)};
   const auto found = look_anew(c.experiment, c.motions, c.measured, from, hypotheses, -1, 1, 11);
   ASSERT_EQ(found.size(), 1);
@@ -69,10 +81,9 @@ TEST(LookAnew, FitsOnlyWhatExplainsEnoughBeforeItIsFitted) {
   SensorModel truth = given;
   add_effect(truth, effect_catalogue(), "radial_distortion", {{"amplitude", 0.25}});
   const Case c(truth, given);
-  const Hypotheses hypotheses = hypotheses_of(c, given, {"radial_distortion", "lateral_noise", "heavy_tails"});
+  const Asked asked(c, given, {"radial_distortion", "lateral_noise", "heavy_tails"});
+  const auto& [hypotheses, book] = asked;
   ASSERT_EQ(hypotheses.tested.size(), 3);
-  SignatureBook book(c.experiment, given, hypotheses, {});
-  book.look_at({0, 1, 2}, false);
   std::vector<double> least_share(3, 0.02);  // noise that is not there explains nothing, of whatever is left
   const auto looks = [&] {
     return look_anew(c.experiment, c.motions, c.measured, {given, book.signatures(), book.simulations()}, hypotheses,
@@ -89,10 +100,9 @@ TEST(LookAnew, FitsOnlyWhatExplainsEnoughBeforeItIsFitted) {
 TEST(SignatureBook, KeepsInTheMeanWhatOtherPixelsTossForInEachSimulation) {
   const SensorModel given = model_with("depth_offset", {{"offset", 0}});
   const Case c(given, given);
-  const Hypotheses hypotheses = hypotheses_of(c, given, {"random_dropout"});
+  const Asked asked(c, given, {"random_dropout"});
+  const auto& [hypotheses, book] = asked;
   ASSERT_EQ(hypotheses.tested.size(), 1);
-  SignatureBook book(c.experiment, given, hypotheses, {});
-  book.look_at({0}, false);
   ASSERT_FALSE(book.signatures().empty());
   const Layout& layout = c.experiment.layout();
   for (const Signature& signature : book.signatures())
