@@ -62,6 +62,11 @@ EffectInstance strong(const Effect& effect) {
 
 int main(int argc, char** argv) {
   const std::set<std::string> only(argv + 1, argv + argc);
+  for (const std::string& name : only)
+    if (!effect_catalogue().find(name)) {
+      std::fprintf(stderr, "effects_bench: there is no effect %s\n", name.c_str());
+      return 2;
+    }
   test::AnalyticScene scene = test::mixed_scene();
   const Camera camera = test::small_camera().resized(1280, 960);
   CaptureContext context = test::analytic_context(scene, camera);
