@@ -16,6 +16,7 @@
 #include "core/recording_writer.h"
 #include "diagnose/calibration.h"
 #include "diagnose/plausibility.h"
+#include "diagnose/step_reader.h"
 #include "sim/effect.h"
 
 namespace binrig {
@@ -94,12 +95,15 @@ void run(const CalibrateOptions& options) {
   if (!train) throw Error(options.measured + " has no capture to fit to in the split \"train\"");
   SimulationCache cache = SimulationCache::standard();
   const Experiment experiment(*forward.model, model, cache);
-  const Measurement data = experiment.measure([&](int c, int i) { return readers[c].frame(i); }, notes);
+  const Experiment::FrameReader frames = [&](int c, int i) { return readers[c].frame(i); };
+  StepReader steps(experiment, frames);
+  const Measurement data = experiment.measure(steps.reader(), notes);
   check_registration(experiment, data.all, model);
   CalibrationOptions fit = options.fit;
   const SensorModel given = model;
   start_from_planes(model, options.measured, options.common.seed,
                     [&](const std::string& id, const std::string& name) { return is_fitted(fit, id, name); });
+  fit.seen = steps.seen(without_steps(model, effect_catalogue()));
   fit.seed = options.common.seed;
   fit.provenance = std::filesystem::weakly_canonical(options.measured).filename().string() + ", split train";
   Calibration found = calibrate(experiment, data, model, fit);

@@ -22,6 +22,7 @@
 #include "bench/support/small_campaign.h"
 #include "core/progress.h"
 #include "diagnose/calibration.h"
+#include "diagnose/step_reader.h"
 #include "sim/effect.h"
 
 namespace binrig {
@@ -133,6 +134,8 @@ json run(const Experiment& experiment, const EffectDeclaration& effect, std::uin
       data.few[{most, shorten}] = experiment.simulate({shortened})[0];
     }
   CalibrationOptions options;
+  const SensorModel usual = without_steps(pair.start, effect_catalogue());
+  options.seen = seen_steps(simulated_values(experiment, pair.truth), simulated_values(experiment, usual));
   options.seed = key % 1000000;
   options.provenance = "simulated recording";
   const std::clock_t began = std::clock();

@@ -19,6 +19,7 @@
 #include "core/progress.h"
 #include "diagnose/calibration.h"
 #include "diagnose/score.h"
+#include "diagnose/step_reader.h"
 #include "sim/effect.h"
 
 using namespace binrig;
@@ -47,12 +48,15 @@ int run(const std::string& path, const std::vector<std::string>& files, const st
   for (auto& model : models) settle_projector(model, *forward.model);
   const Experiment experiment(*forward.model, models[1], cache);
   std::vector<std::string> unreadable;
-  const Measurement measured = experiment.measure([&](int c, int i) { return readers[c].frame(i); }, unreadable);
+  const Experiment::FrameReader frames = [&](int c, int i) { return readers[c].frame(i); };
+  StepReader steps(experiment, frames);
+  const Measurement measured = experiment.measure(steps.reader(), unreadable);
   std::vector<Rung> rungs;
   std::filesystem::create_directories(out);
   for (int k : {0, 1}) {
     CalibrationOptions options;
     if (k == 1) options.fixed = fixed;
+    options.seen = steps.seen(without_steps(models[k], effect_catalogue()));
     const bool from_file = std::erase(options.fixed, "from-file") > 0;
     options.provenance = std::filesystem::weakly_canonical(path).filename().string() + ", split train";
     if (!from_file)

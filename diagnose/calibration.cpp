@@ -11,12 +11,15 @@
 #include "diagnose/hypotheses.h"
 #include "diagnose/intervals.h"
 #include "diagnose/last_step.h"
+#include "diagnose/score.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
 namespace {
 
 constexpr double near_enough = 3;  // standard deviations: so far the last step is as straight as its slopes
+constexpr double explains = 1.05;  // dispersion
+constexpr double wrong = 4;        // times its own randomness: a model so far off is not worth the last digit
 
 bool names(const std::vector<std::string>& list, const std::string& id, const std::string& parameter) {
   return std::any_of(list.begin(), list.end(), [&](const auto& n) { return n == id || n == id + "." + parameter; });
@@ -74,23 +77,15 @@ class Calibrator {
   }
 
   Calibration run() {
-    constexpr int most_rounds = 3;
-    constexpr double explains = 1.05;  // dispersion
-    constexpr double wrong = 4;        // times its own randomness: a model so far off is not worth the last digit
     Calibration result;
     result.rung = fit_rung(experiment_, motions_, measured_, start_, {}, rung_options_);
-    comb_steps(experiment_, motions_, measured_, start_, rung_options_, result.rung);
+    comb_steps(experiment_, motions_, measured_, start_, options_.seen, rung_options_, result.rung);
     try_given_tones(result.rung);
     first_ = result.rung.fit.parameters;
     if (result.rung.dispersion <= explains)
       register_by_edges(experiment_, motions_, measured_, rung_options_, result.rung);
-    for (int round = 0;; ++round) {
-      last_ = last_step(experiment_, motions_, result.rung, first_, series_, rung_options_.seed);
-      model_ = last_.model;
-      result.converged = last_.length < near_enough;
-      if (result.converged || round + 1 == (result.rung.dispersion > wrong ? 2 : most_rounds)) break;
-      result.rung = made_anew(experiment_, motions_, measured_, model_, result.rung.offsets, rung_options_, first_);
-    }
+    result.converged = take_last_steps(result.rung);
+    model_ = last_.model;
     result.dispersion = result.rung.dispersion;
     const LastFit last{experiment_, motions_, result.rung, last_, first_, poses_known_, rung_options_.seed};
     find_intervals(last, steps_, model_, parameters_);
@@ -131,6 +126,30 @@ class Calibrator {
     again.scan_all_ranges = false;
     again.narrow = narrow_of(rung.fit.parameters);
     rung = fit_rung(experiment_, motions_, measured_, other.model, {}, again);
+  }
+
+  /// Last steps until one is no longer than chance makes it; false if none is. Then nothing says which of all these
+  /// values is right, and intervals span them.
+  bool take_last_steps(Rung& rung) {
+    constexpr int most = 6;
+    constexpr double worth_it = 0.001;  // of the proper score, an element: what lowers it by less was the last
+    const int allowed = rung.dispersion > wrong ? 1 : 2;
+    double gained = 0;
+    Eigen::VectorXd begun;
+    for (int taken = 0;; ++taken) {
+      last_ = last_step(experiment_, motions_, rung, first_, series_, rung_options_.seed);
+      if (last_.length < near_enough) return true;
+      const Eigen::VectorXd value = last_.value - last_.step;
+      if (taken == 0) begun = value;
+      if (taken >= allowed && (taken == most || rung.dispersion > explains || gained < worth_it)) {
+        last_.covariance += (value - begun) * (value - begun).transpose();
+        return false;
+      }
+      Rung next = made_anew(experiment_, motions_, measured_, last_.model, rung.offsets, rung_options_, first_);
+      gained = proper_score(layout_, rung, Part::train) - proper_score(layout_, next, Part::train);
+      if (tracing()) fmt::print(stderr, "proper score on train less by {:.5f}\n", gained);
+      rung = std::move(next);
+    }
   }
 
   void write() {

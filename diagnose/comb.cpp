@@ -13,8 +13,9 @@
 namespace binrig {
 namespace {
 
-constexpr double far_better = 100;  // of chi: what a wrong valley costs, and roughness not
-constexpr int values = 24;          // tried to either side
+constexpr double far_better = 100;                     // of chi: what a wrong valley costs, and roughness not
+constexpr int values = 24;                             // tried to either side
+constexpr double near_factor = 1.5, as_good = 0.0001;  // of a step that was read off the values
 /// Relative. A hundred steps within the range shift by a fourteenth of one, then by less, and once more: noise that is
 /// still bent hides the last of the way.
 constexpr double spacings[] = {0.0007, 0.0002, 0.0002};
@@ -40,7 +41,7 @@ std::vector<Step> steps_of(const SensorModel& model, const EffectCatalogue& cata
 }  // namespace
 
 void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
-                const SensorModel& start, const RungOptions& options, Rung& rung) {
+                const SensorModel& start, const SeenSteps& seen, const RungOptions& options, Rung& rung) {
   const std::vector<Step> steps = steps_of(start, experiment.forward().catalogue(), options.fixed);
   RungOptions again = options;
   again.passes = 1;
@@ -56,6 +57,21 @@ void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& mo
   };
   // Where several effects are missing, what a comb meets is theirs.
   if (steps.empty() || rung.dispersion > many_missing) return;
+  for (const Step& step : steps)
+    for (const ReadStep& read : seen.of(*step.spec)) {
+      SensorModel model = rung.model;
+      double& value = value_in(model, step.id, step.spec->name).value;
+      const double ratio = read.value / value;
+      if (std::max(ratio, 1 / ratio) > near_factor || std::abs(ratio - 1) < as_good) continue;
+      value = std::clamp(read.value, step.spec->lower, step.spec->upper);
+      Rung other = fit_rung(experiment, motions, measured, model, {}, again);
+      const double before = proper_score(experiment.layout(), rung, Part::train),
+                   after = proper_score(experiment.layout(), other, Part::train);
+      if (tracing())
+        fmt::print(stderr, "{}.{} as read, {:.5g}: proper on train {:.5f} -> {:.5f}\n", step.id, step.spec->name,
+                   read.value, before, after);
+      if (after < before) rung = std::move(other);
+    }
   for (const double spacing : spacings) {
     if (!leaves_some()) return;
     const Metric metric(experiment.layout(), Part::train, motion_rows(experiment.layout(), rung.standard, motions));

@@ -133,7 +133,7 @@ Hypothesis make(const EffectDeclaration& effect) {
 void add_seen(const SeenSteps& seen, Hypothesis& hypothesis) {
   if (!is_step(*hypothesis.declaration)) return;
   const ParameterSpec* amplitude = hypothesis.declaration->parameter(hypothesis.declaration->amplitude);
-  for (const ReadStep& step : amplitude->unit == "px" ? seen.disparity_px : seen.depth_mm)
+  for (const ReadStep& step : seen.of(*amplitude))
     if (amplitude->lower <= step.value && step.value <= amplitude->upper) hypothesis.seen.push_back(step);
   for (StrengthPath& path : hypothesis.paths) {
     const Atom like = path.atoms.front();

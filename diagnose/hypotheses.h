@@ -85,6 +85,10 @@ double period_spacing(const ParameterSpec& period, double value, int cols);
 /// Steps that the recorded values seem to come in and the model's do not, see StepReader.
 struct SeenSteps {
   std::vector<ReadStep> depth_mm, disparity_px;
+  /// Those in the unit of an amplitude that is a step.
+  const std::vector<ReadStep>& of(const ParameterSpec& step) const {
+    return step.unit == "px" ? disparity_px : depth_mm;
+  }
 };
 
 /// Every effect of the catalogue that the model lacks and the recording could show. A step of depth or of disparity

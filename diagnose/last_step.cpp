@@ -77,12 +77,15 @@ class Step {
     result_.value += step;
     result_.length = std::sqrt(std::max(0.0, step.dot(result_.covariance.ldlt().solve(step))));
     if (tracing()) fmt::print(stderr, "last step of length {:.2f}\n", result_.length);
+    // Over a step that chance does not make so long, slopes do not hold: the truth may be anywhere along it.
+    if (step.squaredNorm() > 0 && result_.length * result_.length > n + 3 * std::sqrt(2.0 * n))
+      result_.covariance += step * step.transpose();
     for (int p = 0; p < n; ++p) {
       if (tracing())
         fmt::print(stderr, "last step {}.{}: {:.5g} by {:.5g}, standard deviation {:.5g}\n", priors_[p].id,
                    priors_[p].name, result_.value[p], step[p], std::sqrt(result_.covariance(p, p)));
-      value_in(result_.model, priors_[p].id, priors_[p].name).value = priors_[p].natural(result_.value[p]);
     }
+    result_.model = stepped(result_, priors_, 1);
     return std::move(result_);
   }
 
@@ -275,6 +278,15 @@ double prior_deviation(const FitParameter& parameter) {
 
 bool silent(const Whitened& slope) {
   return std::all_of(slope.begin(), slope.end(), [](float v) { return v == 0; });
+}
+
+SensorModel stepped(const LastStep& step, const std::vector<FitParameter>& priors, double share) {
+  SensorModel model = step.model;
+  for (std::size_t p = 0; p < priors.size(); ++p) {
+    const int i = static_cast<int>(p);
+    value_in(model, priors[p].id, priors[p].name).value = priors[p].natural(step.value[i] - (1 - share) * step.step[i]);
+  }
+  return model;
 }
 
 LastStep last_step(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,

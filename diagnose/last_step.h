@@ -23,14 +23,19 @@ struct LastStep {
   SensorModel model;  ///< the rung's, with the step taken
   Eigen::VectorXd value, step;
   Eigen::MatrixXd information;  ///< 0 in rows and columns of parameters of which the data say nothing
-  Eigen::MatrixXd covariance;   ///< of value, scatter among simulations and priors together
+  /// Of value: scatter among simulations and priors together, and the step itself where it is longer than chance makes
+  /// it (length^2 over n + 3 sqrt(2 n) of n parameters): slopes do not hold over that.
+  Eigen::MatrixXd covariance;
   double freedom = 1;           ///< of its scatter
-  double length = 0;            ///< of the step, in standard deviations of its direction
+  double length = 0;            ///< of the step, in standard deviations of its direction, itself not counted
   std::vector<double> place;    ///< of the motions, in the rung
   std::vector<NuisanceRow> rows;
   Metric metric;                   ///< of the motions alone, on train
   std::vector<Whitened> jacobian;  ///< of segments in which it is not mostly noise
 };
+
+/// The model where `share` of the step leads. `priors`: those that it was made with.
+SensorModel stepped(const LastStep& step, const std::vector<FitParameter>& priors, double share);
 
 /// `priors`: the rung's parameters with their first priors. `series`: captures from power-on are not shortened.
 LastStep last_step(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,

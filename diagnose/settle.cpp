@@ -34,13 +34,7 @@ void settle_down(const Experiment& experiment, const std::vector<SceneMotion>& m
   for (int k = 0; k < most_steps; ++k) {
     const LastStep step = last_step(experiment, motions, rung, priors, series, options.seed);
     if (share * step.length < least_length) return;
-    SensorModel model = step.model;
-    for (std::size_t p = 0; p < priors.size(); ++p) {
-      const int i = static_cast<int>(p);
-      value_in(model, priors[p].id, priors[p].name).value =
-          priors[p].natural(step.value[i] - (1 - share) * step.step[i]);
-    }
-    Rung next = made_anew(experiment, motions, measured, model, rung.offsets, options, priors);
+    Rung next = made_anew(experiment, motions, measured, stepped(step, priors, share), rung.offsets, options, priors);
     const double now = proper_score(experiment.layout(), rung, Part::train),
                  then = proper_score(experiment.layout(), next, Part::train);
     if (tracing()) fmt::print(stderr, "  settling: proper on train {:.4f} -> {:.4f}\n", now, then);

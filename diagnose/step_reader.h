@@ -9,6 +9,13 @@
 
 namespace binrig {
 
+/// The values of one frame of each train capture, its target where it nominally stands. Throws what simulating throws.
+ValueSteps simulated_values(const Experiment& experiment, const SensorModel& model);
+/// At most two of depth and two of disparity, see ValueSteps.
+SeenSteps seen_steps(const ValueSteps& values, const ValueSteps& usual);
+/// The model less the effects whose amplitude is a step: what its values usually are without these.
+SensorModel without_steps(SensorModel model, const EffectCatalogue& catalogue);
+
 /// Looks at the values of the train captures as they are read. What is given to the constructor must outlive it.
 class StepReader {
  public:
@@ -17,9 +24,8 @@ class StepReader {
 
   /// Reads as `frames` does, from several threads, too. As long as this object.
   Experiment::FrameReader reader();
-  /// At most two of each, see ValueSteps; one frame of each train capture is simulated with `model`, which says what
-  /// is usual: the storage step, steps that the model has, flat targets at few distances. Throws what simulating
-  /// throws.
+  /// See seen_steps. What is usual, the values simulated with `model` say: the storage step, steps that the model has,
+  /// flat targets at few distances. Throws what simulating throws.
   SeenSteps seen(const SensorModel& model) const;
 
  private:

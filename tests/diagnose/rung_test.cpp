@@ -10,6 +10,7 @@
 
 #include "diagnose/comb.h"
 #include "diagnose/score.h"
+#include "diagnose/step_reader.h"
 #include "tests/diagnose/simulated_case.h"
 
 namespace binrig {
@@ -151,10 +152,26 @@ TEST(CombSteps, FindsTheToothThatAFitBesideItDoesNot) {
     return left;
   };
   EXPECT_FALSE(unexplained_on_train().empty()) << "noise is bent until the whole looks right, but not each statistic";
-  comb_steps(c.experiment, c.motions, c.measured, c.start, {.simulations = 16}, rung);
+  comb_steps(c.experiment, c.motions, c.measured, c.start, {}, {.simulations = 16}, rung);
   EXPECT_NEAR(rung.model.find("disparity_quantisation")->value("step"), 0.09, 0.09 * 0.0005);
   EXPECT_LT(rung.dispersion, 1.1);
   EXPECT_THAT(unexplained_on_train(), testing::IsEmpty());
+}
+
+TEST(CombSteps, TriesWhatTheRecordedValuesSay) {
+  // Beyond the reach of the comb.
+  const Case c(model_with("depth_units", {{"step", 0.5}}), model_with("depth_units", {{"step", 0.53}}));
+  const SeenSteps seen = seen_steps(simulated_values(c.experiment, c.truth),
+                                    simulated_values(c.experiment, without_steps(c.start, effect_catalogue())));
+  ASSERT_FALSE(seen.depth_mm.empty());
+  const RungOptions options{.simulations = 16};
+  const auto combed = [&](const SeenSteps& tried) {
+    Rung rung = c.fitted(options);
+    comb_steps(c.experiment, c.motions, c.measured, c.start, tried, options, rung);
+    return rung.model.find("depth_units")->value("step");
+  };
+  EXPECT_NEAR(combed(seen), 0.5, seen.depth_mm[0].uncertainty);
+  EXPECT_GT(std::abs(combed({}) - 0.5), 5 * seen.depth_mm[0].uncertainty) << "the comb alone finds it: no test";
 }
 
 }  // namespace
