@@ -23,7 +23,7 @@ struct CalibrationOptions {
   std::vector<std::string> only;   ///< the same: nothing else is fitted; empty = all
   int simulations = 32;            ///< of the fitted model, for the last step and the intervals
   int passes = 2, iterations = 8;  ///< of RungOptions
-  SeenSteps seen;                  ///< tried as values of the model's steps
+  SeenSteps seen;                  ///< tried as values of the model's steps; StepReader, beside the model without_steps
   std::uint64_t seed = 1;
   std::string provenance;  ///< which recording, written beside the values
 };

@@ -1,4 +1,5 @@
-// Steps that recorded values seem to come in and simulated ones do not: values to try for hypotheses that are a step.
+// Steps that recorded values seem to come in and simulated ones do not: values to try for hypotheses that are a step,
+// and for the steps of a model that is calibrated.
 #pragma once
 
 #include <mutex>
@@ -11,7 +12,8 @@ namespace binrig {
 
 /// The values of one frame of each train capture, its target where it nominally stands. Throws what simulating throws.
 ValueSteps simulated_values(const Experiment& experiment, const SensorModel& model);
-/// At most two of depth and two of disparity, see ValueSteps.
+/// At most two of depth (0.02 to 20 mm) and two of disparity (1/128 to 1 px) that `values` have and `usual` ones do
+/// not, see ValueSteps.
 SeenSteps seen_steps(const ValueSteps& values, const ValueSteps& usual);
 /// The model less the effects whose amplitude is a step: what its values usually are without these.
 SensorModel without_steps(SensorModel model, const EffectCatalogue& catalogue);
