@@ -38,18 +38,6 @@ FrameStream stream_of(const CaptureReader& capture) {
   };
 }
 
-/// The flat part that all frames of a plane capture see. Empty where the set does not mark it.
-cv::Mat marked_region(const CaptureReader& capture) {
-  cv::Mat region;
-  for (int i = 0; i < capture.size(); ++i) {
-    const Frame frame = capture.frame(i);
-    if (frame.ids.empty()) continue;
-    const cv::Mat own = frame.ids == 1;
-    region = region.empty() ? own : cv::Mat(region & own);
-  }
-  return region;
-}
-
 /// What the comparison simulates with; either a model over the measured set's captures or another set.
 struct Simulated {
   Forward forward;
@@ -87,7 +75,7 @@ PlaneCapture measured_plane(const RecordingSet& set, const CaptureReader& captur
   if (const auto projector = set.info().sensor.projector())
     out.focal_baseline_px_mm = out.camera.fx * std::abs(projector->x());
   const PixelRays rays(out.camera);
-  cv::Mat region = set.info().region_masks ? marked_region(capture) : cv::Mat();
+  cv::Mat region = set.info().region_masks ? set.region(capture.info()) : cv::Mat();
   const Frame header = capture.header(0);
   cv::Mat surface = first.depth_mm;
   if (simulated.forward.model && simulated.index(key) >= 0) {

@@ -46,6 +46,7 @@ class FewCaptures : public ForwardModel {
   const EffectCatalogue& catalogue() const override { return all_.catalogue(); }
   const std::vector<CaptureInfo>& captures() const override { return captures_; }
   const SetInfo& set() const override { return set_; }
+  cv::Mat region(int capture) const override { return all_.region(index_[capture]); }
   std::shared_ptr<const Channels> perfect(int capture, int frame, const Offset& offset, ChannelSet wanted,
                                           const SensorModel& model) const override {
     return all_.perfect(index_[capture], frame, offset, wanted, model);

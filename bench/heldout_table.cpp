@@ -69,7 +69,9 @@ int run(const std::string& path, const std::vector<std::string>& files, const st
     print(found, models[k].name);
     rungs.push_back(std::move(found.rung));
   }
-  const auto judged = scores(experiment.layout(), rungs[1], measured.all, {&rungs[0], &rungs[1]});
+  const auto motions =
+      scene_motions(experiment, rungs[1].model, registration_prior(forward.model->set(), experiment.nominal(0).camera));
+  const auto judged = scores(experiment.layout(), motions, rungs[1], measured.all, {&rungs[0], &rungs[1]});
   fmt::print("\n| channel | {} | {} |\n|---|---|---|\n", models[0].name, models[1].name);
   for (const auto& [segment, value] : judged[0].by_segment)
     fmt::print("| {} | {:.3g} | {:.3g} |\n", segment, value, judged[1].by_segment.at(segment));

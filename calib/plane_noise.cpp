@@ -55,14 +55,6 @@ Residual residual_of(const Frame& frame, const cv::Mat& plane_mm, const cv::Mat&
 
 }  // namespace
 
-cv::Mat marked_region(const Frame& frame, bool region_masks) {
-  if (!region_masks || frame.ids.empty()) return {};
-  cv::Mat region = frame.ids > 0;
-  if (cv::countNonZero(region) == 0) return {};
-  cv::erode(region, region, cv::getStructuringElement(cv::MORPH_RECT, {5, 5}), {-1, -1}, 1, cv::BORDER_CONSTANT, 255);
-  return region;
-}
-
 FirstLook look_at(const std::string& key, const std::string& name, const Frame& first, int frames,
                   const cv::Mat& region, const PlaneFitOptions& options) {
   FirstLook look;
@@ -115,7 +107,7 @@ CaptureNoise measure_noise(const FirstLook& look, const FrameStream& frames, boo
     if (frame.depth_mm.empty() || frame.status == FrameStatus::timeout) return;
     try {
       if (!(frame.camera == look.camera)) throw Error("its camera differs from that of the first frame");
-      const cv::Mat marked = marked_region(frame, region_masks && look.region_given);
+      const cv::Mat marked = region_masks && look.region_given ? marked_region(frame) : cv::Mat();
       Residual now = residual_of(frame, plane_mm, marked.empty() ? look.plane.region : marked, sigma);
       common.add(frame.depth_mm, frame.depth_scale_mm);
       ++noise.frames_used;

@@ -29,10 +29,6 @@ struct FirstLook {
   Camera camera;
 };
 
-/// The flat part as a recording marks it: mask_visib of the frame where the set says that it marks the flat part
-/// (`region` of recording.json), eroded by 2 px; else empty.
-cv::Mat marked_region(const Frame& frame, bool region_masks);
-
 /// Throws Error naming the capture: no frame, no plane (see fit_plane).
 /// `region`: CV_8U, the flat part; empty = find it.
 FirstLook look_at(const std::string& key, const std::string& name, const Frame& first, int frames,

@@ -25,7 +25,7 @@ struct StatisticContext {
   double depth_scale_mm = 0;  ///< storage step; 0 = unknown
   double focal_baseline = 0;  ///< f * B, px mm; 0 = unknown
   bool motion = false;        ///< poses differ between frames
-  cv::Mat valid_region;       ///< CV_8U, outside (0) nothing counts; empty = the whole image
+  cv::Mat valid_region;       ///< CV_8U, outside (0) nothing counts (ForwardModel::region); empty = the whole image
 
   /// Side of a bin of bias maps (about 80 x 60 bins an image) and of a cell of noise and drop-out maps (40 x 30), px.
   int bin_px() const { return std::max(1, (camera.width + 40) / 80); }

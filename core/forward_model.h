@@ -42,6 +42,8 @@ class ForwardModel {
   /// The captures that can be simulated, in the set's order.
   virtual const std::vector<CaptureInfo>& captures() const = 0;
   virtual const SetInfo& set() const = 0;
+  /// RecordingSet::region of a capture: CV_8U, outside (0) its recording says nothing of its target. Empty = everywhere.
+  virtual cv::Mat region(int capture) const = 0;
 
   /// Perfect channels of a capture's frame under an offset. Cached: frames of a static capture share one object.
   /// `z0_mm` is the reference distance that diffuse light is scaled with. Throws Error if a mesh cannot be loaded.

@@ -36,8 +36,8 @@ struct CaptureInfo {
 struct SetInfo {
   std::string path;
   SensorInfo sensor;
-  std::optional<double> pose_sigma_mm, pose_sigma_rad;   ///< 1 sigma, rigid, per capture; absent = unknown
-  std::optional<std::array<double, 3>> cam_K_sigma_px;   ///< 1 sigma of fx = fy, cx, cy
+  std::optional<double> pose_sigma_mm, pose_sigma_rad;  ///< 1 sigma, rigid, per capture; absent = unknown
+  std::optional<std::array<double, 3>> cam_K_sigma_px;  ///< 1 sigma of fx = fy, cx, cy
   bool poses_fitted_to_this_depth = false;
   bool region_masks = false;  ///< mask_visib marks the flat part of plane targets
   cv::Mat valid_region;       ///< CV_8U or empty
@@ -51,6 +51,10 @@ struct ModelInfo {
   double diameter_mm = 0;
   std::optional<double> albedo, specular, shininess;
 };
+
+/// The flat part of a plane target as mask_visib of this frame marks it: CV_8U, not 0, 2 px inside the mark's rim,
+/// since what stands beside it reaches in. Empty where nothing is marked; ask only where SetInfo::region_masks is set.
+cv::Mat marked_region(const Frame& frame);
 
 /// One capture, frame by frame. Cheap to copy.
 class CaptureReader {
@@ -85,6 +89,10 @@ class RecordingSet {
   /// Throws Error if there is no such capture, listing those there are.
   CaptureReader capture(const std::string& split, int id) const;
   CaptureReader capture(const std::string& key) const;  ///< "train/1"
+  /// Where a capture speaks of its target, CV_8U, not 0: inside the set's valid region and, where a plane target is
+  /// marked, inside the marks of all its frames that can be read (other things stand beside it). Empty = everywhere.
+  /// Reads all frames of a marked target.
+  cv::Mat region(const CaptureInfo& capture) const;
   /// Empty where the set has no models. Throws Error if models_info.json is broken.
   const std::vector<ModelInfo>& models() const { return models_; }
 

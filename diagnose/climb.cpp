@@ -345,7 +345,7 @@ class Climb {
   /// What two models leave that come one after the other, the second one's randomness being the scale.
   std::pair<Left, Left> left_by(const Rung& one, const Rung& next) const {
     const Layout& layout = experiment_.layout();
-    const auto judged = scores(layout, next, measured_.all, {&one, &next});
+    const auto judged = scores(layout, motions_, next, measured_.all, {&one, &next});
     const auto of = [&](const Score& score, const Rung& rung) {
       return Left{score.heldout, proper_score(layout, rung), unexplained(layout, rung), score.statistics};
     };

@@ -148,7 +148,7 @@ class Findings {
     Rung& last = climbed_.rungs.back();
     std::vector<const Rung*> rungs;
     for (const Rung& rung : climbed_.rungs) rungs.push_back(&rung);
-    const auto ladder = scores(experiment_.layout(), last, measured_.all, rungs);
+    const auto ladder = scores(experiment_.layout(), motions_, last, measured_.all, rungs);
     if (!diagnosis_.candidates.empty()) take_last_step(last);
     for (std::size_t k = 0; k < climbed_.rungs.size(); ++k)
       diagnosis_.ladder.push_back(
@@ -171,23 +171,31 @@ class Findings {
             ladder[step - 1].heldout, ladder[step].heldout, candidate.evidence, provenance_);
       }
     }
+    const StatVector before = bias_left(climbed_.rungs[0]), after = bias_left(climbed_.rungs.back());
     for (int c = 0; c < experiment_.layout().captures; ++c)
-      if (const Block* block = experiment_.layout().find(c, "bias")) diagnosis_.maps.push_back(maps_of(c, *block));
+      if (const Block* block = experiment_.layout().find(c, "bias"))
+        diagnosis_.maps.push_back(maps_of(c, *block, before, after));
   }
 
-  Diagnosis::Maps maps_of(int capture, const Block& block) const {
+  /// Measured less simulated with targets and lens where the data want them; of bias maps, in mm.
+  StatVector bias_left(const Rung& rung) const {
+    StatVector left = measured_.all;
+    for (std::size_t i = 0; i < left.size(); ++i) left[i] -= rung.standard.mean()[i];
+    return registered(experiment_.layout(), motions_, std::move(left), rung.place, rung.nuisances);
+  }
+
+  Diagnosis::Maps maps_of(int capture, const Block& block, const StatVector& given, const StatVector& last) const {
     Diagnosis::Maps maps;
     maps.capture = capture_name(experiment_, capture);
     maps.before.create(block.rows, block.cols, CV_32F);
     maps.after.create(block.rows, block.cols, CV_32F);
     maps.valid.create(block.rows, block.cols, CV_8U);
     for (int i = 0; i < block.size; ++i) {
-      const float d = measured_.all[block.offset + i], first = climbed_.rungs[0].standard.mean()[block.offset + i],
-                  second = climbed_.rungs.back().standard.mean()[block.offset + i];
-      const bool known = !std::isnan(d) && !std::isnan(first) && !std::isnan(second);
+      const float before = given[block.offset + i], after = last[block.offset + i];
+      const bool known = !std::isnan(before) && !std::isnan(after);
       maps.valid.ptr<std::uint8_t>()[i] = known ? 255 : 0;
-      maps.before.ptr<float>()[i] = known ? d - first : 0;
-      maps.after.ptr<float>()[i] = known ? d - second : 0;
+      maps.before.ptr<float>()[i] = known ? before : 0;
+      maps.after.ptr<float>()[i] = known ? after : 0;
     }
     return maps;
   }

@@ -31,8 +31,9 @@ struct Score {
   double proper = 0;  ///< mean squared whitened residual plus mean ln variance, by the model's own spread
   std::map<std::string, double> by_channel;
   std::map<std::string, double> by_segment;
-  double bias_rms_mm = 0, noise_ratio = 0, mask_difference = 0;  ///< in plain units: rms of bias maps, sd measured over
-                                                                 ///< simulated, mean difference of drop-out shares
+  /// In plain units: RMS of the bias maps with targets where the data want them, sd measured over simulated, mean
+  /// difference of drop-out shares.
+  double bias_rms_mm = 0, noise_ratio = 0, mask_difference = 0;
 };
 
 struct LadderStep {

@@ -151,10 +151,14 @@ Experiment::Experiment(const ForwardModel& forward, const SensorModel& model, Si
     context.motion =
         context.frames > 1 &&
         forward.perfect(c, context.frames - 1, Offset{}, statistics_channels(), model).get() != nominal_[c].get();
-    context.valid_region = forward.set().valid_region;
+    context.valid_region = forward.region(c);
     regions_[c] = std::make_shared<CaptureRegions>(*nominal_[c], context);
   });
   for (int c = 0; c < layout_.captures; ++c) {
+    if (const cv::Mat& region = contexts_[c].valid_region; !region.empty()) {  // statistics are kept under this key
+      CV_Assert(region.isContinuous() && region.type() == CV_8U);
+      set_key_ = hash_text({reinterpret_cast<const char*>(region.data), region.total()}, mix_keys(set_key_, c));
+    }
     layout_.train.push_back(captures[c].split == "train");
     const auto empty = CaptureStatistics(contexts_[c]).finish();
     for (int s = 0; s < static_cast<int>(empty.size()); ++s) {

@@ -163,4 +163,13 @@ StatVector shift_of(const Layout& layout, const std::vector<SceneMotion>& motion
   return shift;
 }
 
+StatVector registered(const Layout& layout, const std::vector<SceneMotion>& motions, StatVector difference,
+                      const std::vector<double>& simulated_at, const std::vector<double>& wanted_at) {
+  std::vector<double> moved(motions.size());
+  for (std::size_t m = 0; m < motions.size(); ++m) moved[m] = wanted_at[m] - simulated_at[m];
+  const StatVector shift = shift_of(layout, motions, moved);
+  for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= shift[i];
+  return difference;
+}
+
 }  // namespace binrig

@@ -49,5 +49,9 @@ std::vector<Offset> offsets_of(const Layout& layout, const std::vector<SceneMoti
 std::vector<double> values_of(const std::vector<SceneMotion>& motions, const std::vector<Offset>& offsets);
 /// What the bias maps move by for given values; 0 elsewhere.
 StatVector shift_of(const Layout& layout, const std::vector<SceneMotion>& motions, const std::vector<double>& values);
+/// Measured less simulated statistics with targets and lens moved on, in the bias maps, from where the simulations had
+/// them to where the data want them; both in prior sigmas, the motions first.
+StatVector registered(const Layout& layout, const std::vector<SceneMotion>& motions, StatVector difference,
+                      const std::vector<double>& simulated_at, const std::vector<double>& wanted_at);
 
 }  // namespace binrig

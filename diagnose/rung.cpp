@@ -349,6 +349,8 @@ Remains remains_of(const Metric& on_train, const Metric& on_test, const Whitened
   Explained train = on_train.explain(difference, place);
   const Explained test = on_test.explain(difference, place, train.global);
   for (std::size_t i = 0; i < train.rest.size(); ++i) train.rest[i] += test.rest[i];  // one of them is 0
+  for (std::size_t i = 0; i < train.values.size(); ++i)
+    if (train.values[i] == 0) train.values[i] = test.values[i];  // targets of held-out captures
   return {std::move(train.rest), std::move(train.values), train.stated, test.stated};
 }
 

@@ -24,7 +24,7 @@ struct Rung {
   std::vector<double> place;            ///< of the nuisances at `offsets`, see Metric::explain
   Whitened data;                        ///< y of the measurement, not compressed
   Whitened rest;                        ///< what the nuisances leave of it, compressed, train and test
-  std::vector<double> nuisances;        ///< of train.explain: where nuisances stand, from the prior's centre
+  std::vector<double> nuisances;        ///< Remains::nuisances: where they stand, from the prior's centre
   Stated train_stated, test_stated;     ///< Remains
   double dispersion = 1;                ///< mean square of the residual on train over that of the nulls, at least 1
 };
@@ -48,8 +48,9 @@ struct RungOptions {
 /// What a rung's nuisances leave of a difference between data and simulations made with nuisances at `place`. Global
 /// nuisances are found on train and carried over.
 struct Remains {
-  Whitened rest;                  ///< train and test, compressed
-  std::vector<double> nuisances;  ///< on train
+  Whitened rest;  ///< train and test, compressed
+  /// From the prior's centre: what all captures share as train wants it, each target as its own capture does.
+  std::vector<double> nuisances;
   Stated train_stated, test_stated;
 };
 Remains remains_of(const Rung& rung, const Whitened& difference, const std::vector<double>& place);

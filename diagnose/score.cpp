@@ -98,8 +98,8 @@ std::vector<int> captures_that_stand_out(const Layout& layout, const Rung& rung)
   return captures;
 }
 
-std::vector<Score> scores(const Layout& layout, const Rung& last_rung, const StatVector& data,
-                          const std::vector<const Rung*>& rungs) {
+std::vector<Score> scores(const Layout& layout, const std::vector<SceneMotion>& motions, const Rung& last_rung,
+                          const StatVector& data, const std::vector<const Rung*>& rungs) {
   const Rung shaking = last_rung.standard.has_modes() ? with_modes(last_rung) : Rung{};
   const Rung& last = last_rung.standard.has_modes() ? shaking : last_rung;
   std::vector<double> floor(parts(), 0);
@@ -149,6 +149,7 @@ std::vector<Score> scores(const Layout& layout, const Rung& last_rung, const Sta
     }
     for (auto& [channel, value] : score.by_channel) value /= count[channel];
 
+    difference = registered(layout, motions, std::move(difference), place, remains.nuisances);
     double bias = 0, bias_count = 0, noise = 0, noise_count = 0, mask = 0, mask_count = 0;
     for (const auto& block : layout.blocks) {
       if (block.train) continue;

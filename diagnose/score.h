@@ -15,8 +15,8 @@ double proper_score(const Layout& layout, const Rung& rung, Part part = Part::te
 
 /// Scores of several models on the held-out captures, all in units of `last`'s randomness, its nuisances marginalised
 /// but for the parameters of effects that a model lacks: they must not make up for it.
-std::vector<Score> scores(const Layout& layout, const Rung& last, const StatVector& data,
-                          const std::vector<const Rung*>& rungs);
+std::vector<Score> scores(const Layout& layout, const std::vector<SceneMotion>& motions, const Rung& last,
+                          const StatVector& data, const std::vector<const Rung*>& rungs);
 
 /// Sum of squares by capture: of all segments, or of all but the bias maps, by which targets are registered.
 std::vector<double> squares_by_capture(const Layout& layout, const Whitened& rest, bool with_bias);

@@ -20,8 +20,9 @@ struct HeldOut {
 };
 
 /// On the scale of the first.
-HeldOut held_out(const Experiment& experiment, const Measurement& measured, const Rung& with, const Rung& without) {
-  const auto judged = scores(experiment.layout(), with, measured.all, {&with, &without});
+HeldOut held_out(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
+                 const Rung& with, const Rung& without) {
+  const auto judged = scores(experiment.layout(), motions, with, measured.all, {&with, &without});
   return {judged[0].heldout, judged[1].heldout};
 }
 
@@ -40,7 +41,7 @@ void take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
     again.narrow = narrow_of(last.fit.parameters);
     // The last rung's metric lets all other parameters make up for it to first order.
     Rung without = unfitted_rung(experiment, motions, measured, model, last.offsets, again);
-    HeldOut judged = held_out(experiment, measured, last, without);
+    HeldOut judged = held_out(experiment, motions, measured, last, without);
     if (tracing())
       fmt::print(stderr, "  {} left out, unfitted: held-out {:.3f} -> {:.3f}\n", candidate.id, judged.with,
                  judged.without);
@@ -57,7 +58,7 @@ void take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
     bool superfluous = judged.without <= judged.with && nobody_misses_it();
     if (!superfluous && !judged.far_off()) {
       without = fit_rung(experiment, motions, measured, model, last.offsets, again);
-      judged = held_out(experiment, measured, last, without);
+      judged = held_out(experiment, motions, measured, last, without);
       if (tracing())
         fmt::print(stderr, "  {} left out: held-out {:.3f} -> {:.3f}\n", candidate.id, judged.with, judged.without);
       superfluous = judged.without <= judged.with;

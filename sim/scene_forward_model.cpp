@@ -183,6 +183,7 @@ SceneForwardModel::~SceneForwardModel() = default;
 const EffectCatalogue& SceneForwardModel::catalogue() const { return effect_catalogue(); }
 const std::vector<CaptureInfo>& SceneForwardModel::captures() const { return impl_->infos; }
 const SetInfo& SceneForwardModel::set() const { return impl_->set.info(); }
+cv::Mat SceneForwardModel::region(int capture) const { return impl_->set.region(impl_->infos.at(capture)); }
 const Renderer& SceneForwardModel::renderer() const { return *impl_->renderer; }
 
 double SceneForwardModel::reference_distance_mm(const SensorModel& model) const {

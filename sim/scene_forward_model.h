@@ -35,6 +35,7 @@ class SceneForwardModel : public ForwardModel {
   const EffectCatalogue& catalogue() const override;
   const std::vector<CaptureInfo>& captures() const override;
   const SetInfo& set() const override;
+  cv::Mat region(int capture) const override;
   std::shared_ptr<const Channels> perfect(int capture, int frame, const Offset& offset, ChannelSet wanted,
                                           const SensorModel& model) const override;
   void simulate(const SimulationRequest& request, const FrameSink& sink) const override;

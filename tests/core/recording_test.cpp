@@ -158,6 +158,37 @@ TEST(Recording, CaptureIsAddedToAnExistingSetOfTheSameSensorOnly) {
   EXPECT_NE(error_of([&] { RecordingWriter(folder / "set", other); }).find("another sensor"), std::string::npos);
 }
 
+TEST(Recording, SpeaksOfAMarkedTargetWhereEveryFrameMarksIt) {
+  SetInfo info = set_info();
+  info.region_masks = true;
+  const Frame first = full_frame(0);
+  const int rows = first.depth_mm.rows, cols = first.depth_mm.cols;
+  info.valid_region = cv::Mat(rows, cols, CV_8U, cv::Scalar(255));
+  info.valid_region.row(5).setTo(0);
+  ScratchFolder folder;
+  RecordingWriter writer(folder / "set", info);
+  CaptureInfo plane = capture_info(1), scene = capture_info(2);
+  scene.target = TargetKind::scene;
+  for (const CaptureInfo& capture : {plane, scene}) {
+    writer.begin_capture(capture);
+    for (int i = 0; i < 2; ++i) {
+      Frame frame = full_frame(i);
+      frame.objects.reset();
+      frame.ids = cv::Mat::zeros(rows, cols, CV_16U);
+      frame.ids.colRange(i == 0 ? 0 : 6, cols).setTo(1);  // the second frame marks less
+      writer.write(frame);
+    }
+    writer.finish_capture();
+  }
+  const RecordingSet set = RecordingSet::open(folder / "set");
+  const cv::Mat marked = set.region(plane), all = set.region(scene);
+  for (int v = 0; v < rows; ++v)
+    for (int u = 0; u < cols; ++u) {
+      EXPECT_EQ(all.at<std::uint8_t>(v, u) != 0, v != 5);
+      EXPECT_EQ(marked.at<std::uint8_t>(v, u) != 0, v != 5 && u >= 8) << v << " " << u;  // 2 px inside the rim
+    }
+}
+
 TEST(RecordingBadInput, OneBrokenFileIsOneErrorAndTheOtherFramesStayUsable) {
   ScratchFolder folder;
   write_set(folder / "set", 4);
@@ -208,9 +239,11 @@ TEST(RecordingBadInput, NotANumberAndNotJson) {
   ScratchFolder folder;
   write_set(folder / "set", 1);
   overwrite(folder / "set/train/000001/scene_camera.json", R"({"0": {"cam_K": [null,0,12,0,50,8,0,0,1]}})");
-  EXPECT_NE(error_of([&] { RecordingSet::open(folder / "set").capture("train/1").frame(0); }).find("cam_K"), std::string::npos);
+  EXPECT_NE(error_of([&] { RecordingSet::open(folder / "set").capture("train/1").frame(0); }).find("cam_K"),
+            std::string::npos);
   overwrite(folder / "set/train/000001/scene_camera.json", "{\"0\": {");
-  EXPECT_NE(error_of([&] { RecordingSet::open(folder / "set").capture("train/1"); }).find("not JSON"), std::string::npos);
+  EXPECT_NE(error_of([&] { RecordingSet::open(folder / "set").capture("train/1"); }).find("not JSON"),
+            std::string::npos);
   overwrite(folder / "set/recording.json", "nothing");
   EXPECT_NE(error_of([&] { RecordingSet::open(folder / "set"); }).find("recording.json"), std::string::npos);
 }

@@ -204,7 +204,7 @@ TEST(Ladder, RandomnessThatIsNotThereNeverScoresBetter) {
     rungs.resize(1);
     rungs.push_back(fit_rung(experiment, motions, measured, worse, {}, as_given));
     for (const Rung& scale : rungs) {
-      const auto judged = scores(experiment.layout(), scale, measured.all, {&rungs[0], &rungs[1]});
+      const auto judged = scores(experiment.layout(), motions, scale, measured.all, {&rungs[0], &rungs[1]});
       EXPECT_GT(judged[1].heldout, judged[0].heldout) << worse.effects.back().id;
       EXPECT_GT(judged[1].proper, judged[0].proper) << worse.effects.back().id;
     }

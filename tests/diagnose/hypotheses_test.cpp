@@ -17,6 +17,7 @@ class NoMotion : public ForwardModel {
   const EffectCatalogue& catalogue() const override { return effect_catalogue(); }
   const std::vector<CaptureInfo>& captures() const override { return captures_; }
   const SetInfo& set() const override { return set_; }
+  cv::Mat region(int) const override { return {}; }
   std::shared_ptr<const Channels> perfect(int, int, const Offset&, ChannelSet, const SensorModel&) const override {
     throw Error("not asked for here");
   }

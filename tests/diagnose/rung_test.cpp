@@ -127,17 +127,29 @@ TEST(UnfittedRung, SaysWhatTheFittedOneDoesAndThatWithoutAnEffectMuchIsLeft) {
     return unfitted_rung(c.experiment, c.motions, c.measured, model, fitted.offsets, options);
   };
   const Rung same = unfitted(fitted.model), without = unfitted(lacking);
-  const auto judged = scores(c.experiment.layout(), fitted, c.measured.all, {&fitted, &same, &without});
+  const auto judged = scores(c.experiment.layout(), c.motions, fitted, c.measured.all, {&fitted, &same, &without});
   EXPECT_NEAR(judged[1].heldout, judged[0].heldout, 0.05);
   EXPECT_GT(judged[2].heldout, judged[0].heldout + 1);
 
   // Left behind on the ladder, a rung is scored as before.
   Rung left_behind = without;
   leave_behind(left_behind);
-  const auto again = scores(c.experiment.layout(), fitted, c.measured.all, {&left_behind});
+  const auto again = scores(c.experiment.layout(), c.motions, fitted, c.measured.all, {&left_behind});
   EXPECT_EQ(again[0].heldout, judged[2].heldout);
   EXPECT_EQ(again[0].proper, judged[2].proper);
   EXPECT_EQ(again[0].bias_rms_mm, judged[2].bias_rms_mm);
+}
+
+TEST(Scores, TakeNoTargetThatStandsElsewhereForABias) {
+  const SensorModel right = noise_alone(0.3);
+  const Case c(right, right);
+  const RungOptions options{.simulations = 16, .passes = 0};
+  std::vector<Offset> astray(c.experiment.layout().captures);
+  for (Offset& offset : astray) offset.pose[5] = 1;  // mm, three times the noise of a pixel
+  const Rung nominal = c.fitted(options), off = fit_rung(c.experiment, c.motions, c.measured, c.start, astray, options);
+  const auto judged = scores(c.experiment.layout(), c.motions, nominal, c.measured.all, {&nominal, &off});
+  EXPECT_LT(judged[0].bias_rms_mm, 0.3);
+  EXPECT_NEAR(judged[1].bias_rms_mm, judged[0].bias_rms_mm, 0.1 * judged[0].bias_rms_mm);
 }
 
 TEST(CombSteps, FindsTheToothThatAFitBesideItDoesNot) {
