@@ -11,7 +11,8 @@
 namespace binrig {
 namespace {
 
-constexpr double told_apart = 0.1;  // dispersion: of ten thousand statistics and more, a thousand of chi
+constexpr double told_apart = 0.1;       // dispersion: of ten thousand statistics and more, a thousand of chi
+constexpr double hardly_worse = 0.0025;  // by less, the scatter of its own simulations moves the proper score
 
 }  // namespace
 
@@ -27,7 +28,9 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
     return winner.dispersion <= leaves_something && loser.dispersion > winner.dispersion + told_apart;
   };
   if (best.dispersion > leaves_something) {
-    const bool other = runner_up.proper_score < best.proper_score;
+    const double by_best = best.proper_score, by_other = runner_up.proper_score;
+    const bool tie = std::abs(by_best - by_other) < hardly_worse;
+    const bool other = tie ? runner_up.unexplained() < best.unexplained() : by_other < by_best;
     return {other, other && ahead(runner_up, best)};
   }
   if (runner_up.dispersion > leaves_something) return {false, ahead(best, runner_up)};
@@ -44,7 +47,6 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
   constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
   constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
   constexpr double least_proper_gain = 0.01;  // an element
-  constexpr double hardly_worse = 0.0025;     // by less, the scatter of its own simulations moves the proper score
   constexpr double most = 0.5;                // of what is left of the statistics
   const double excess = std::max(0.0, before.heldout - 1), rise = after.proper_score - before.proper_score;
   // Below the floor chance moves the held-out score up and down; what the proper one gets worse by counts there, and

@@ -15,7 +15,7 @@ double unexplained_excess(const std::vector<SegmentFit>& fits);
 /// What is left where one of them was added and everything fitted again.
 struct Contender {
   double dispersion = 1;    ///< of the rung; 1 = nothing
-  double proper_score = 0;  ///< an element, lower is better
+  double proper_score = 0;  ///< on captures held out, an element, lower is better
   /// Gain that the other's signatures still have there, dispersion and what chance makes of them taken off.
   std::function<double()> left_for_other;
   std::function<double()> unexplained;  ///< excess
@@ -28,9 +28,10 @@ struct Choice {
   bool clear = false;
 };
 
-/// The runner-up came close behind the best. Where something is left by the best, the proper score decides; where it is
-/// by the runner-up only, the best is added. Where neither leaves anything to speak of: the right one leaves nothing
-/// that the other would explain or, if what they leave each other differs by no more than `least_gain`, less
+/// The runner-up came close behind the best. Where something is left by the best, the proper score decides, or, where
+/// it is nearly the same (it sees the captures held out alone), less unexplained on either side; where something is
+/// left by the runner-up only, the best is added. Where neither leaves anything to speak of: the right one leaves
+/// nothing that the other would explain or, if what they leave each other differs by no more than `least_gain`, less
 /// unexplained. What is not needed is not asked for.
 Choice choose(const Contender& best, const Contender& runner_up, double least_gain);
 
