@@ -91,6 +91,55 @@ void ladder_section(Page& page, const Diagnosis& diagnosis) {
   page.table(table);
 }
 
+/// What a reader calls the two models that maps and curves compare.
+bool something_was_added(const Diagnosis& diagnosis) { return diagnosis.ladder.size() > 1; }
+
+Plot plot_of(const Course& course, const std::string& name, bool two_models) {
+  Plot plot;
+  plot.name = name;
+  plot.title = course.segment + " over " + course.covariate;
+  plot.alt = fmt::format("{} over {}", course.label, course.covariate_label);
+  plot.caption = plot.title;
+  plot.x_label = course.covariate_label;
+  plot.y_label = course.label;
+  plot.bands.push_back({"its own randomness", course.at, course.low, course.high, Ink::simulated});
+  if (two_models) plot.curves.push_back({"model given", course.at, course.before, Ink::measured, Stroke::dashed});
+  plot.curves.push_back({two_models ? "last model" : "model", course.at, course.after, Ink::measured, Stroke::line});
+  plot.rules.push_back({course.even, "agree", false});
+  return plot;
+}
+
+void where_section(Page& page, const Diagnosis& diagnosis) {
+  if (diagnosis.maps.empty() && diagnosis.courses.empty()) return;
+  const bool two_models = something_was_added(diagnosis);
+  page.section(two_models ? "Where: before and after" : "Where");
+  page.text(
+      fmt::format("Targets and lens stand where the measurement wants them. Curves are over what each statistic goes "
+                  "with most, mean "
+                  "over the captures held out; in the band lies what the {} does by chance (95 %). Maps are of the "
+                  "captures in which "
+                  "the model given leaves most.",
+                  two_models ? "last model" : "model"));
+  int shown = 0;
+  std::vector<Picture> pictures;
+  for (const Course& course : diagnosis.courses)
+    pictures.push_back(draw(plot_of(course, fmt::format("course_{}", ++shown), two_models)));
+  if (!pictures.empty()) page.figures(pictures);
+  shown = 0;
+  for (const Maps& maps : diagnosis.maps) {
+    MapFigure figure;
+    figure.name = fmt::format("map_{}", ++shown);
+    figure.alt = fmt::format("maps of {}", maps.label);
+    figure.caption = fmt::format("{}: {}; {}{}", maps.capture, maps.segment, maps.label,
+                                 maps.even == 0 ? "" : fmt::format(", less {}", maps.even));
+    figure.unit = maps.segment == "bias" ? "mm" : "";
+    figure.colours = ColourScale::diverging;
+    if (two_models) figure.panels.push_back({"model given", maps.before - maps.even, maps.valid});
+    figure.panels.push_back({two_models ? "last model" : "model", maps.after - maps.even, maps.valid});
+    page.figure(figure);
+  }
+}
+
 }  // namespace
 
 Diagnosis run_diagnosis(const DiagnosisRun& run) {
@@ -190,21 +239,7 @@ std::string write_diagnosis_page(const Diagnosis& diagnosis, const DiagnosisRun&
         page.code(entry.formula);
       }
   }
-  if (!diagnosis.maps.empty()) {
-    page.section("Where: mean depth error before and after");
-    int shown = 0;
-    for (const auto& maps : diagnosis.maps) {
-      if (++shown > 6) break;
-      MapFigure figure;
-      figure.name = fmt::format("bias_{}", shown);
-      figure.alt = "maps of the mean depth error before and after";
-      figure.caption = maps.capture + ": measured less simulated, mean over frames";
-      figure.unit = "mm";
-      figure.colours = ColourScale::diverging;
-      figure.panels = {{"model given", maps.before, maps.valid}, {"last model", maps.after, maps.valid}};
-      page.figure(figure);
-    }
-  }
+  where_section(page, diagnosis);
   if (!diagnosis.ranking.empty()) {
     page.section("All hypotheses");
     page.text(

@@ -114,6 +114,8 @@ struct SegmentDeclaration {
   double floor = 0;
   /// Returns null where the capture cannot have this segment (no disparity without a baseline).
   std::unique_ptr<Statistic> (*begin)(const StatisticContext& context) = nullptr;
+  /// Where values stand for frequencies: that of value i in cycles per px, 0 = none. Null elsewhere.
+  double (*frequency_px)(int i) = nullptr;
   /// Variance-stabilising transform of value i of n and its weight: differences of its results are what counts.
   float (*stabilise)(float raw, float weight, int i, int n) = nullptr;
 

@@ -19,6 +19,7 @@
 #include "diagnose/screen.h"
 #include "diagnose/step_reader.h"
 #include "diagnose/trace.h"
+#include "diagnose/where.h"
 
 namespace binrig {
 namespace {
@@ -171,33 +172,9 @@ class Findings {
             ladder[step - 1].heldout, ladder[step].heldout, candidate.evidence, provenance_);
       }
     }
-    const StatVector before = bias_left(climbed_.rungs[0]), after = bias_left(climbed_.rungs.back());
-    for (int c = 0; c < experiment_.layout().captures; ++c)
-      if (const Block* block = experiment_.layout().find(c, "bias"))
-        diagnosis_.maps.push_back(maps_of(c, *block, before, after));
-  }
-
-  /// Measured less simulated with targets and lens where the data want them; of bias maps, in mm.
-  StatVector bias_left(const Rung& rung) const {
-    StatVector left = measured_.all;
-    for (std::size_t i = 0; i < left.size(); ++i) left[i] -= rung.standard.mean()[i];
-    return registered(experiment_.layout(), motions_, std::move(left), rung.place, rung.nuisances);
-  }
-
-  Diagnosis::Maps maps_of(int capture, const Block& block, const StatVector& given, const StatVector& last) const {
-    Diagnosis::Maps maps;
-    maps.capture = capture_name(experiment_, capture);
-    maps.before.create(block.rows, block.cols, CV_32F);
-    maps.after.create(block.rows, block.cols, CV_32F);
-    maps.valid.create(block.rows, block.cols, CV_8U);
-    for (int i = 0; i < block.size; ++i) {
-      const float before = given[block.offset + i], after = last[block.offset + i];
-      const bool known = !std::isnan(before) && !std::isnan(after);
-      maps.valid.ptr<std::uint8_t>()[i] = known ? 255 : 0;
-      maps.before.ptr<float>()[i] = known ? before : 0;
-      maps.after.ptr<float>()[i] = known ? after : 0;
-    }
-    return maps;
+    const Where where(experiment_, motions_, measured_.all, climbed_.rungs.front(), last);
+    diagnosis_.maps = where.maps();
+    diagnosis_.courses = where.courses();
   }
 
   const Experiment& experiment_;

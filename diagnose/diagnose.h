@@ -36,6 +36,23 @@ struct Score {
   double bias_rms_mm = 0, noise_ratio = 0, mask_difference = 0;
 };
 
+/// Measured against simulated, in plain units (`label` says which; `even` is where both agree), targets and lens where
+/// the data want them: by the model given and by the last one.
+struct Maps {
+  std::string segment, label, capture;
+  double even = 0;
+  cv::Mat before, after;  ///< CV_32F, one value a cell of the map
+  cv::Mat valid;          ///< CV_8U
+};
+
+/// The same over a covariate or a frequency, mean over the captures held out. Between `low` and `high` lie 95 % of the
+/// last model's own simulations.
+struct Course {
+  std::string segment, covariate, label, covariate_label;
+  double even = 0;
+  std::vector<double> at, before, after, low, high;
+};
+
 struct LadderStep {
   int step = 0;
   std::string added;    ///< "" = the start, or a step back
@@ -114,12 +131,8 @@ struct Diagnosis {
   double seconds = 0;
   long simulations = 0;  ///< captures simulated, not taken from the cache
 
-  /// Bias maps (mm, measured less simulated, poses taken out) before and after, for the report: capture key -> maps.
-  struct Maps {
-    std::string capture;
-    cv::Mat before, after, valid;
-  };
-  std::vector<Maps> maps;
+  std::vector<Maps> maps;       ///< of the captures that the model given fails most in, a few of a segment
+  std::vector<Course> courses;  ///< over what the segment goes with most, a few of a segment
 };
 
 /// Reads frame i of capture c (index into forward.captures()), measured.

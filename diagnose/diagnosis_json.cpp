@@ -37,6 +37,24 @@ std::string diagnosis_json(const Diagnosis& diagnosis) {
   out["headline"] = diagnosis.headline;
   out["reasons"] = diagnosis.reasons;
   if (!diagnosis.ladder.empty()) out["score"] = score_json(diagnosis.ladder.front().score);
+  out["courses"] = json::array();
+  for (const Course& course : diagnosis.courses) {
+    json entry = {{"segment", course.segment},
+                  {"over", course.covariate},
+                  {"over_unit", course.covariate_label},
+                  {"unit", course.label},
+                  {"even", course.even}};
+    const std::pair<const char*, const std::vector<double>*> columns[] = {{"at", &course.at},
+                                                                          {"model_given", &course.before},
+                                                                          {"last_model", &course.after},
+                                                                          {"low", &course.low},
+                                                                          {"high", &course.high}};
+    for (const auto& [name, values] : columns) {
+      entry[name] = json::array();
+      for (const double value : *values) entry[name].push_back(number(value));
+    }
+    out["courses"].push_back(std::move(entry));
+  }
   out["candidates"] = json::array();
   for (const auto& candidate : diagnosis.candidates) {
     json entry;

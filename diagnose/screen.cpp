@@ -9,6 +9,7 @@
 #include <opencv2/core.hpp>
 
 #include "core/parallel.h"
+#include "diagnose/cells.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
@@ -19,57 +20,8 @@ constexpr int map_cols = 12, map_rows = 9;  // of a pattern fixed in the image
 constexpr double least_share = 0.02;        // of what is left, that a shape has to explain to be spoken of
 constexpr double pi = 3.14159265358979323846;
 
-/// One cell of a map with its covariates.
-struct Cell {
-  int index;  // in the vector
-  bool train;
-  float residual;  // whitened, nuisances taken out
-  float change;    // stabilised units: measured less simulated
-  double x, y;     // EFFECTS' image coordinates
-  std::vector<double> covariates;
-};
-
-const std::vector<std::string> covariate_names{
-    "z", "x", "y", "r2", "theta", "I", "distance to edge", "disparity phase"};
 /// As a formula effect knows them; "" = it does not.
 const std::vector<std::string> formula_names{"z", "x", "y", "r2", "theta", "I", "e", ""};
-
-std::vector<Cell> cells_of(const Experiment& experiment, const Rung& rung, const StatVector& data,
-                           const std::string& segment_name) {
-  const Whitened& rest = rung.rest;
-  std::vector<Cell> cells;
-  for (const auto& block : experiment.layout().blocks) {
-    if (segments()[block.segment].name != segment_name || block.rows == 1) continue;
-    const StatisticContext& context = experiment.context(block.capture);
-    const Channels& nominal = experiment.nominal(block.capture);
-    const auto light =
-        experiment.forward().perfect(block.capture, 0, Offset{}, Channel::depth | Channel::diffuse, rung.model);
-    const ImageCoordinates at(context.camera);
-    const int side = (context.camera.width + block.cols - 1) / block.cols;
-    for (int i = 0; i < block.size; ++i) {
-      const int k = block.offset + i;
-      if (rung.standard.spread()[k] == 0 || std::isnan(data[k])) continue;
-      const int u = std::min(context.camera.width - 1, (i % block.cols) * side + side / 2);
-      const int v = std::min(context.camera.height - 1, (i / block.cols) * side + side / 2);
-      const double z = nominal.depth_mm.at<float>(v, u);
-      if (z <= 0) continue;
-      const double intensity =
-          light->diffuse.empty() ? 0.4 : std::max(0.01, static_cast<double>(light->diffuse.at<float>(v, u)));
-      const double disparity = context.focal_baseline / z;
-      cells.push_back(
-          {k,
-           block.train,
-           rest[k],
-           data[k] - rung.standard.mean()[k],
-           at.x(u),
-           at.y(v),
-           {z, at.x(u), at.y(v), at.r2(u, v),
-            std::acos(std::min(1.0, static_cast<double>(nominal.cos_incidence.at<float>(v, u)))), std::log(intensity),
-            static_cast<double>(nominal.edge_px.at<float>(v, u)), disparity - std::floor(disparity)}});
-    }
-  }
-  return cells;
-}
 
 /// Shapes in the statistics that are fitted to the residual on train, as hypotheses are: whitened like it, with what
 /// poses, lens and the model's own parameters could make of them taken out.
@@ -90,13 +42,13 @@ struct Shapes {
 };
 
 /// One shape a column: value(cell, shape) in stabilised units.
-Shapes shapes_of(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells, int count,
-                 const std::function<double(const Cell&, int)>& value) {
+Shapes shapes_of(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells, int count,
+                 const std::function<double(const MapCell&, int)>& value) {
   Shapes shapes;
   std::vector<Whitened> train(count), test(count);
   parallel_for(count, [&](int k) {
     StatVector raw(experiment.layout().size, 0.f);
-    for (const Cell& cell : cells) raw[cell.index] = static_cast<float>(value(cell, k));
+    for (const MapCell& cell : cells) raw[cell.index] = static_cast<float>(value(cell, k));
     const Whitened change = rung.standard.difference(raw);
     train[k] = rung.train.apply(change);
     test[k] = rung.test.apply(change);
@@ -121,7 +73,7 @@ Shapes shapes_of(const Experiment& experiment, const Rung& rung, const std::vect
 }
 
 /// A covariate cut into classes of equal number.
-double curve_gain(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells,
+double curve_gain(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells,
                   std::size_t covariate) {
   std::vector<double> sorted;
   for (const auto& cell : cells) sorted.push_back(cell.covariates[covariate]);
@@ -129,7 +81,7 @@ double curve_gain(const Experiment& experiment, const Rung& rung, const std::vec
   std::vector<double> edges;
   for (int h = 1; h < hats; ++h) edges.push_back(sorted[sorted.size() * h / hats]);
   return shapes_of(experiment, rung, cells, hats,
-                   [&](const Cell& cell, int k) {
+                   [&](const MapCell& cell, int k) {
                      return std::upper_bound(edges.begin(), edges.end(), cell.covariates[covariate]) - edges.begin() ==
                                     k
                                 ? 1.
@@ -138,9 +90,9 @@ double curve_gain(const Experiment& experiment, const Rung& rung, const std::vec
       .heldout_gain();
 }
 
-double map_gain(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells) {
+double map_gain(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells) {
   return shapes_of(experiment, rung, cells, map_cols * map_rows,
-                   [](const Cell& cell, int k) {
+                   [](const MapCell& cell, int k) {
                      const int col = std::clamp(static_cast<int>((cell.x + 1) / 2 * map_cols), 0, map_cols - 1);
                      const int row = std::clamp(static_cast<int>((cell.y + 0.75) / 1.5 * map_rows), 0, map_rows - 1);
                      return row * map_cols + col == k ? 1. : 0.;
@@ -153,11 +105,11 @@ struct Step {
 };
 
 /// The straight line in the image across which the residual jumps: sought on a grid, then closer about the best.
-Step best_step(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells) {
+Step best_step(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells) {
   Step best;
   const auto look = [&](const std::vector<Step>& lines) {
     std::vector<Step> found = lines;
-    const Shapes all = shapes_of(experiment, rung, cells, static_cast<int>(lines.size()), [&](const Cell& cell, int k) {
+    const Shapes all = shapes_of(experiment, rung, cells, static_cast<int>(lines.size()), [&](const MapCell& cell, int k) {
       return cell.x * std::cos(lines[k].angle) + cell.y * std::sin(lines[k].angle) > lines[k].offset ? 1. : 0.;
     });
     for (std::size_t k = 0; k < lines.size(); ++k) {
@@ -183,9 +135,9 @@ Step best_step(const Experiment& experiment, const Rung& rung, const std::vector
 }
 
 /// Height of a step where nothing is compressed: chi on train is least.
-double step_height(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells, const Step& step) {
+double step_height(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells, const Step& step) {
   StatVector raw(experiment.layout().size, 0.f);
-  for (const Cell& cell : cells)
+  for (const MapCell& cell : cells)
     raw[cell.index] = cell.x * std::cos(step.angle) + cell.y * std::sin(step.angle) > step.offset ? 1.f : 0.f;
   const Whitened change = rung.standard.difference(raw);
   const auto chi = [&](double height) {
@@ -203,7 +155,7 @@ double step_height(const Experiment& experiment, const Rung& rung, const std::ve
 }
 
 /// A parabola of the change over a covariate, as a formula effect's YAML.
-std::string curve_formula(const std::vector<Cell>& cells, std::size_t covariate) {
+std::string curve_formula(const std::vector<MapCell>& cells, std::size_t covariate) {
   const std::string& name = formula_names[covariate];
   if (name.empty()) return "";
   Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
@@ -231,9 +183,9 @@ struct ShapeGains {
   Step step;
 };
 
-ShapeGains gains_of_shapes(const Experiment& experiment, const Rung& rung, const std::vector<Cell>& cells) {
+ShapeGains gains_of_shapes(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells) {
   ShapeGains gains;
-  for (std::size_t k = 0; k < covariate_names.size(); ++k)
+  for (std::size_t k = 0; k < covariates().size(); ++k)
     gains.curves.emplace_back(curve_gain(experiment, rung, cells, k), k);
   std::sort(gains.curves.rbegin(), gains.curves.rend());
   gains.map = map_gain(experiment, rung, cells);
@@ -268,13 +220,13 @@ void screen(const Experiment& experiment, const Rung& rung, const StatVector& da
       fmt::print(stderr,
                  "screen {}: excess {:.0f}, map {:.0f}, step {:.0f} (angle {:.3f}, offset {:.3f}, height {:.3f})",
                  entry.segment, excess, map, step.gain, step.angle, step.offset, step.height);
-      for (const auto& [gain, k] : gains) fmt::print(stderr, ", {} {:.0f}", covariate_names[k], gain);
+      for (const auto& [gain, k] : gains) fmt::print(stderr, ", {} {:.0f}", covariates()[k].name, gain);
       fmt::print(stderr, "\n");
     }
     if (best < std::max(20.0, least_share * excess)) continue;  // nothing goes with it
     entry.share = std::clamp(best / excess, 0.0, 1.0);
     for (const auto& [gain, k] : gains)
-      if (gain > 0.3 * best && entry.covariates.size() < 3) entry.covariates.push_back(covariate_names[k]);
+      if (gain > 0.3 * best && entry.covariates.size() < 3) entry.covariates.push_back(covariates()[k].name);
     const bool depth = entry.segment == "bias";
     if (step.gain > 0.7 * best) {
       entry.shape =
@@ -292,7 +244,7 @@ void screen(const Experiment& experiment, const Rung& rung, const StatVector& da
       entry.shape = "a pattern fixed in the image";
       if (entry.covariates.empty()) entry.covariates = {"x", "y"};
     } else {
-      entry.shape = "a curve over " + covariate_names[gains[0].second];
+      entry.shape = "a curve over " + covariates()[gains[0].second].name;
       if (depth) entry.formula = curve_formula(cells, gains[0].second);
     }
   }

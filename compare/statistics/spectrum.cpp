@@ -87,6 +87,7 @@ SegmentDeclaration spectrum_segment() {
     return std::make_unique<Spectrum>(context);
   };
   s.stabilise = [](float raw, float, int, int) { return std::log(raw + 1e-9f); };
+  s.frequency_px = [](int i) { return i < row_ridge ? (i / sectors + 0.5) / (2 * rings) : 0; };
   return s;
 }
 
