@@ -90,7 +90,12 @@ PlaneCapture measured_plane(const RecordingSet& set, const CaptureReader& captur
     if (region.empty()) region = fit_plane(first.depth_mm, rays).region;
     surface = perfect->depth_mm;
   }
-  const PlaneFit fit = fit_plane(surface, rays, region);
+  PlaneFit fit;
+  try {
+    fit = fit_plane(surface, rays, region);
+  } catch (const Error& error) {
+    throw Error(key + ": " + error.what());
+  }
   out.target.normal = fit.normal;
   out.target.offset_mm = fit.offset_mm;
   out.target.region = fit.region;
