@@ -20,6 +20,7 @@ constexpr double after_a_dip = 1.2;  // times the weakest line of lower frequenc
 constexpr double unusual = 1.5;      // times the strongest line nearby of usual values
 constexpr double as_strong = 0.8;    // of a multiple's line, to be its fundamental
 constexpr double in_phase = 0.9;     // of a line's modulus, to be of whole multiples of the step
+constexpr double twice_storage = 0.64;  // modulus of the line of a step of twice the storage's: sinc(1/2)
 
 /// Lines of a histogram.
 class Lines {
@@ -32,8 +33,10 @@ class Lines {
     for (const std::complex<float> l : line) modulus_.push_back(std::abs(l));
   }
 
-  std::vector<ReadStep> steps(double finest, double coarsest, int most, const Lines& usual) const {
+  /// `storage`: of the values, 0 = none is known.
+  std::vector<ReadStep> steps(double finest, double coarsest, int most, const Lines& usual, double storage) const {
     if (total_ < fewest_values) return {};
+    if (storage > 0) finest = std::max(finest, 1.02 * storage);  // below lies the storage's own line
     const double length = bin_ * static_cast<double>(histogram_.size());
     const int low = std::max(4, static_cast<int>(length / coarsest));
     const int high = std::min(static_cast<int>(modulus_.size()) - 4, static_cast<int>(length / finest));
@@ -51,6 +54,12 @@ class Lines {
         if (std::ranges::find(lines, line) == lines.end()) lines.push_back(line);
       }
     lines.resize(std::min(lines.size(), static_cast<std::size_t>(most)));
+    for (std::size_t k = 0, read = lines.size(); storage > 0 && k < read; ++k) {
+      const int mirrored = static_cast<int>(std::lround(length / storage)) - lines[k];
+      if (modulus_[lines[k]] < twice_storage * total_ && mirrored > low && mirrored <= high &&
+          std::ranges::find(lines, mirrored) == lines.end())
+        lines.push_back(mirrored);
+    }
     std::vector<ReadStep> result;
     for (const int line : lines) {
       const double step = length / refined(line);
@@ -163,7 +172,8 @@ void count(std::vector<std::uint32_t>& histogram, double value, double bin) {
 
 ValueSteps::ValueSteps() : depth_(depth_size, 0), disparity_(disparity_size, 0) {}
 
-void ValueSteps::add(const cv::Mat& depth_mm, double focal_baseline) {
+void ValueSteps::add(const cv::Mat& depth_mm, double focal_baseline, double storage_mm) {
+  storage_mm_ = std::max(storage_mm_, storage_mm);
   for (int row = 0; row < depth_mm.rows; ++row) {
     const float* z = depth_mm.ptr<float>(row);
     for (int col = 0; col < depth_mm.cols; ++col) {
@@ -175,12 +185,13 @@ void ValueSteps::add(const cv::Mat& depth_mm, double focal_baseline) {
 }
 
 std::vector<ReadStep> ValueSteps::depth_mm(double finest, double coarsest, int most, const ValueSteps& usual) const {
-  return Lines(depth_, depth_bin_mm).steps(finest, coarsest, most, Lines(usual.depth_, depth_bin_mm));
+  return Lines(depth_, depth_bin_mm).steps(finest, coarsest, most, Lines(usual.depth_, depth_bin_mm), storage_mm_);
 }
 
 std::vector<ReadStep> ValueSteps::disparity_px(double finest, double coarsest, int most,
                                                const ValueSteps& usual) const {
-  return Lines(disparity_, disparity_bin_px).steps(finest, coarsest, most, Lines(usual.disparity_, disparity_bin_px));
+  return Lines(disparity_, disparity_bin_px)
+      .steps(finest, coarsest, most, Lines(usual.disparity_, disparity_bin_px), 0);
 }
 
 }  // namespace binrig

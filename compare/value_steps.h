@@ -12,6 +12,8 @@
 
 #include <opencv2/core/mat.hpp>
 
+#include "core/frame.h"
+
 namespace binrig {
 
 /// A step that values seem to come in; both numbers in the values' unit, mm or px.
@@ -28,19 +30,23 @@ class ValueSteps {
   ValueSteps();
 
   /// Valid pixels (depth > 0) of a frame, CV_32F of any size in mm. `focal_baseline`: f * B in px mm; 0 = unknown, no
-  /// disparity. Not thread-safe.
-  void add(const cv::Mat& depth_mm, double focal_baseline);
+  /// disparity. `storage_mm`: the step in which the recording stores depth; 0 = unknown. Not thread-safe.
+  void add(const cv::Mat& depth_mm, double focal_baseline, double storage_mm = 0);
+  /// The same of a recorded frame, which knows how it is stored.
+  void add(const Frame& frame, double focal_baseline) { add(frame.depth_mm, focal_baseline, frame.depth_scale_mm); }
 
   /// Steps (mm, px) between `finest` and `coarsest` whose lines are strongest, or stand out most from their
   /// neighbourhood, in turn, at most `most`; a line at a multiple of another's frequency is not listed beside it, nor
   /// one of which `usual` values of the same targets have the like at about that frequency. Where all values meet zero
   /// as well, the step is the one whose whole multiples they are. Empty where nothing stands out. Precondition: 0 <
-  /// finest < coarsest.
+  /// finest < coarsest. On values stored in whole steps s, lines at f and 1/s - f are the same one: where it is as weak
+  /// as that of a step finer than 2 s, depth_mm lists both steps (`most` counts lines); none is finer than s.
   std::vector<ReadStep> depth_mm(double finest, double coarsest, int most, const ValueSteps& usual) const;
   std::vector<ReadStep> disparity_px(double finest, double coarsest, int most, const ValueSteps& usual) const;
 
  private:
   std::vector<std::uint32_t> depth_, disparity_;
+  double storage_mm_ = 0;
 };
 
 }  // namespace binrig

@@ -42,7 +42,7 @@ Experiment::FrameReader StepReader::reader() {
     Frame read = frames_(capture, frame);
     if (experiment_.layout().train[capture]) {
       const std::lock_guard lock(guard_);
-      values_.add(read.depth_mm, experiment_.context(capture).focal_baseline);
+      values_.add(read, experiment_.context(capture).focal_baseline);
     }
     return read;
   };

@@ -13,7 +13,8 @@ constexpr int most = 4;
 
 /// Flat targets, hardly tilted, at the given distances; `sensor` turns a true depth into a recorded one.
 template <class Sensor>
-ValueSteps seen(const std::vector<double>& distances_mm, double noise_mm, Sensor sensor, unsigned seed = 7) {
+ValueSteps seen(const std::vector<double>& distances_mm, double noise_mm, Sensor sensor, unsigned seed = 7,
+                double storage_mm = 0) {
   std::mt19937 random(seed);
   std::normal_distribution<double> noise(0, noise_mm);
   ValueSteps steps;
@@ -22,7 +23,7 @@ ValueSteps seen(const std::vector<double>& distances_mm, double noise_mm, Sensor
     for (int row = 0; row < frame.rows; ++row)
       for (int col = 0; col < frame.cols; ++col)
         frame(row, col) = static_cast<float>(sensor(z + 0.01 * (col - 64) + noise(random)));
-    steps.add(frame, focal_baseline);
+    steps.add(frame, focal_baseline, storage_mm);
   }
   return steps;
 }
@@ -59,6 +60,23 @@ TEST(ValueSteps, DepthThatIsRounded) {
           << step << " mm, found " << testing::PrintToString(values_of(found));
       EXPECT_TRUE(has(found, step)) << step << " mm";
     }
+}
+
+TEST(ValueSteps, AStepHardlyCoarserThanThatOfStorage) {
+  constexpr double storage = 0.1;
+  const auto stored = [&](double z) { return rounded(z, storage); };
+  const std::vector<double> distances{181, 196, 204, 213, 221, 262};
+  const ValueSteps plain = seen(distances, 0.25, stored, 8, storage);
+  for (const double step : {0.125, 0.15, 0.17}) {
+    const auto found = seen(
+                           distances, 0.25, [&](double z) { return stored(rounded(z, step)); }, 7, storage)
+                           .depth_mm(0.02, 20, most, plain);
+    const auto near = [&](double value) { return std::abs(value / step - 1) < 0.002; };
+    EXPECT_TRUE(std::ranges::any_of(values_of(found), near))
+        << step << " mm, found " << testing::PrintToString(values_of(found));
+    for (const ReadStep& read : found) EXPECT_GT(read.value, storage) << "finer than what is stored";
+  }
+  EXPECT_TRUE(plain.depth_mm(0.02, 20, most, plain).empty());
 }
 
 TEST(ValueSteps, DisparityThatIsRoundedBeforeDepthIsDisturbedAndStored) {
