@@ -91,9 +91,6 @@ void ladder_section(Page& page, const Diagnosis& diagnosis) {
   page.table(table);
 }
 
-/// What a reader calls the two models that maps and curves compare.
-bool something_was_added(const Diagnosis& diagnosis) { return diagnosis.ladder.size() > 1; }
-
 Plot plot_of(const Course& course, const std::string& name, bool two_models) {
   Plot plot;
   plot.name = name;
@@ -111,15 +108,13 @@ Plot plot_of(const Course& course, const std::string& name, bool two_models) {
 
 void where_section(Page& page, const Diagnosis& diagnosis) {
   if (diagnosis.maps.empty() && diagnosis.courses.empty()) return;
-  const bool two_models = something_was_added(diagnosis);
+  const bool two_models = diagnosis.ladder.size() > 1;
   page.section(two_models ? "Where: before and after" : "Where");
-  page.text(
-      fmt::format("Targets and lens stand where the measurement wants them. Curves are over what each statistic goes "
-                  "with most, mean "
-                  "over the captures held out; in the band lies what the {} does by chance (95 %). Maps are of the "
-                  "captures in which "
-                  "the model given leaves most.",
-                  two_models ? "last model" : "model"));
+  page.text(fmt::format(
+      "Targets and lens stand where the measurement wants them. Curves are over what each statistic goes with most, "
+      "mean over the captures held out; in the band lies what the {} does by chance (95 %). Maps are of the captures "
+      "in which the model given leaves most.",
+      two_models ? "last model" : "model"));
   int shown = 0;
   std::vector<Picture> pictures;
   for (const Course& course : diagnosis.courses)

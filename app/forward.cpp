@@ -34,7 +34,7 @@ std::vector<ScenePlane> planes_of_target(const CaptureReader& capture, bool regi
   for (int i = 0; i < capture.size(); ++i) {
     const Frame frame = capture.frame(i);
     const PixelRays rays(frame.camera);
-    const cv::Mat mask = region_masks ? marked_region(frame) : cv::Mat();
+    const cv::Mat mask = marked_region(frame, region_masks);
     const PlaneFit fit = fit_plane(frame.depth_mm, rays, mask);
     planes.push_back(scene_plane(fit));
     nearest = std::min(nearest, fit.distance_mm);

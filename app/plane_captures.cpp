@@ -30,7 +30,7 @@ PlaneCaptures open_plane_captures(const std::string& path, const std::string& on
       if (!reader.has_depth() || reader.size() == 0) throw Error(reader.info().key() + " has no depth");
       const Frame first = reader.frame(0);
       looks[static_cast<std::size_t>(i)] = look_at(reader.info().key(), reader.info().name, first, reader.size(),
-                                                   planes.set.info().region_masks ? marked_region(first) : cv::Mat());
+                                                   marked_region(first, planes.set.info().region_masks));
     } catch (const Error& error) {
       problems[static_cast<std::size_t>(i)] = error.what();
     }

@@ -107,7 +107,7 @@ CaptureNoise measure_noise(const FirstLook& look, const FrameStream& frames, boo
     if (frame.depth_mm.empty() || frame.status == FrameStatus::timeout) return;
     try {
       if (!(frame.camera == look.camera)) throw Error("its camera differs from that of the first frame");
-      const cv::Mat marked = region_masks && look.region_given ? marked_region(frame) : cv::Mat();
+      const cv::Mat marked = marked_region(frame, region_masks && look.region_given);
       Residual now = residual_of(frame, plane_mm, marked.empty() ? look.plane.region : marked, sigma);
       common.add(frame.depth_mm, frame.depth_scale_mm);
       ++noise.frames_used;

@@ -20,7 +20,7 @@ constexpr double after_a_dip = 1.2;  // times the weakest line of lower frequenc
 constexpr double unusual = 1.5;      // times the strongest line nearby of usual values
 constexpr double as_strong = 0.8;    // of a multiple's line, to be its fundamental
 constexpr double in_phase = 0.9;     // of a line's modulus, to be of whole multiples of the step
-constexpr double twice_storage = 0.64;  // modulus of the line of a step of twice the storage's: sinc(1/2)
+constexpr double twice_storage = 0.64;  // modulus of a step's line after storage in halves of it: sinc(1/2) = 2 / pi
 
 /// Lines of a histogram.
 class Lines {
@@ -54,6 +54,7 @@ class Lines {
         if (std::ranges::find(lines, line) == lines.end()) lines.push_back(line);
       }
     lines.resize(std::min(lines.size(), static_cast<std::size_t>(most)));
+    // Values that are whole multiples of the storage's step see no difference between f and 1 / storage - f.
     for (std::size_t k = 0, read = lines.size(); storage > 0 && k < read; ++k) {
       const int mirrored = static_cast<int>(std::lround(length / storage)) - lines[k];
       if (modulus_[lines[k]] < twice_storage * total_ && mirrored > low && mirrored <= high &&
@@ -172,11 +173,11 @@ void count(std::vector<std::uint32_t>& histogram, double value, double bin) {
 
 ValueSteps::ValueSteps() : depth_(depth_size, 0), disparity_(disparity_size, 0) {}
 
-void ValueSteps::add(const cv::Mat& depth_mm, double focal_baseline, double storage_mm) {
-  storage_mm_ = std::max(storage_mm_, storage_mm);
-  for (int row = 0; row < depth_mm.rows; ++row) {
-    const float* z = depth_mm.ptr<float>(row);
-    for (int col = 0; col < depth_mm.cols; ++col) {
+void ValueSteps::add(const Frame& frame, double focal_baseline) {
+  storage_mm_ = std::max(storage_mm_, frame.depth_scale_mm);
+  for (int row = 0; row < frame.depth_mm.rows; ++row) {
+    const float* z = frame.depth_mm.ptr<float>(row);
+    for (int col = 0; col < frame.depth_mm.cols; ++col) {
       if (z[col] <= 0) continue;
       count(depth_, z[col], depth_bin_mm);
       if (focal_baseline > 0) count(disparity_, focal_baseline / z[col], disparity_bin_px);

@@ -10,8 +10,6 @@
 #include <cstdint>
 #include <vector>
 
-#include <opencv2/core/mat.hpp>
-
 #include "core/frame.h"
 
 namespace binrig {
@@ -29,11 +27,9 @@ class ValueSteps {
  public:
   ValueSteps();
 
-  /// Valid pixels (depth > 0) of a frame, CV_32F of any size in mm. `focal_baseline`: f * B in px mm; 0 = unknown, no
-  /// disparity. `storage_mm`: the step in which the recording stores depth; 0 = unknown. Not thread-safe.
-  void add(const cv::Mat& depth_mm, double focal_baseline, double storage_mm = 0);
-  /// The same of a recorded frame, which knows how it is stored.
-  void add(const Frame& frame, double focal_baseline) { add(frame.depth_mm, focal_baseline, frame.depth_scale_mm); }
+  /// Valid pixels (depth > 0) of a frame of any size; with them the step in which it stores depth, the coarsest of all
+  /// frames. `focal_baseline`: f * B in px mm; 0 = unknown, no disparity. Not thread-safe.
+  void add(const Frame& frame, double focal_baseline);
 
   /// Steps (mm, px) between `finest` and `coarsest` whose lines are strongest, or stand out most from their
   /// neighbourhood, in turn, at most `most`; a line at a multiple of another's frequency is not listed beside it, nor
@@ -46,7 +42,7 @@ class ValueSteps {
 
  private:
   std::vector<std::uint32_t> depth_, disparity_;
-  double storage_mm_ = 0;
+  double storage_mm_ = 0;  // 0 = unknown
 };
 
 }  // namespace binrig

@@ -299,8 +299,8 @@ Frame CaptureReader::frame(int i) const {
   return frame;
 }
 
-cv::Mat marked_region(const Frame& frame) {
-  if (frame.ids.empty()) return {};
+cv::Mat marked_region(const Frame& frame, bool region_masks) {
+  if (!region_masks || frame.ids.empty()) return {};
   cv::Mat region = frame.ids > 0;
   if (cv::countNonZero(region) == 0) return {};
   cv::erode(region, region, cv::Mat::ones(5, 5, CV_8U), {-1, -1}, 1, cv::BORDER_CONSTANT, 255);
@@ -490,14 +490,14 @@ CaptureReader RecordingSet::capture(const std::string& split, int id) const {
 
 cv::Mat RecordingSet::region(const CaptureInfo& info) const {
   cv::Mat region = info_->valid_region;
-  if (!info_->region_masks || info.target != TargetKind::plane) return region;
+  if (!info_->region_masks || info.target != TargetKind::plane) return region;  // no frame needs to be read
   const CaptureReader reader = capture(info.key());
   for (int i = 0; i < reader.size(); ++i) {
     cv::Mat marked;
     try {
-      marked = marked_region(reader.frame(i));
+      marked = marked_region(reader.frame(i), info_->region_masks);
     } catch (const Error&) {
-      continue;  // a broken frame is reported by whoever needs it
+      continue;
     }
     if (!marked.empty()) region = region.empty() ? marked : cv::Mat(region & marked);
   }

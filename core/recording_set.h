@@ -52,9 +52,10 @@ struct ModelInfo {
   std::optional<double> albedo, specular, shininess;
 };
 
-/// The flat part of a plane target as mask_visib of this frame marks it: CV_8U, not 0, 2 px inside the mark's rim,
-/// since what stands beside it reaches in. Empty where nothing is marked; ask only where SetInfo::region_masks is set.
-cv::Mat marked_region(const Frame& frame);
+/// The flat part of a plane target as mask_visib of this frame marks it: CV_8U of the frame's size, not 0, 2 px inside the
+/// mark's rim, since what stands beside it reaches in. Empty where nothing is marked, or masks are of something else
+/// (`region_masks` of SetInfo is not set).
+cv::Mat marked_region(const Frame& frame, bool region_masks);
 
 /// One capture, frame by frame. Cheap to copy.
 class CaptureReader {
@@ -89,9 +90,9 @@ class RecordingSet {
   /// Throws Error if there is no such capture, listing those there are.
   CaptureReader capture(const std::string& split, int id) const;
   CaptureReader capture(const std::string& key) const;  ///< "train/1"
-  /// Where a capture speaks of its target, CV_8U, not 0: inside the set's valid region and, where a plane target is
-  /// marked, inside the marks of all its frames that can be read (other things stand beside it). Empty = everywhere.
-  /// Reads all frames of a marked target.
+  /// Where a capture speaks of its target, CV_8U of the frames' size, not 0: inside the set's valid region and, where a
+  /// plane target is marked, inside the marks of all its frames that can be read and have one. Empty = everywhere. Reads
+  /// all frames of a marked target; broken ones are left to whoever needs their image.
   cv::Mat region(const CaptureInfo& capture) const;
   /// Empty where the set has no models. Throws Error if models_info.json is broken.
   const std::vector<ModelInfo>& models() const { return models_; }

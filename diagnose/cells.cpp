@@ -9,20 +9,20 @@ namespace binrig {
 
 const std::vector<Covariate>& covariates() {
   static const std::vector<Covariate> all{
-      {"z", "distance (mm)"},
-      {"x", "x in the image (half widths from its centre)"},
-      {"y", "y in the image (half widths from its centre)"},
-      {"r2", "squared radius in the image (half widths)"},
-      {"theta", "incidence angle (deg)", 180 / 3.14159265358979323846},
-      {"I", "ln of the infra-red intensity"},
-      {"distance to edge", "distance to a depth edge (px)"},
-      {"disparity phase", "fraction of the disparity (px)"},
+      {"z", "z", "distance (mm)"},
+      {"x", "x", "x in the image (half widths from its centre)"},
+      {"y", "y", "y in the image (half widths from its centre)"},
+      {"r2", "r2", "squared radius in the image (half widths)"},
+      {"theta", "theta", "incidence angle (deg)", 180 / 3.14159265358979323846},
+      {"I", "I", "ln of the infra-red intensity"},
+      {"distance to edge", "e", "distance to a depth edge (px)"},
+      {"disparity phase", "", "fraction of the disparity (px)"},
   };
   return all;
 }
 
 std::vector<MapCell> cells_of(const Experiment& experiment, const Rung& rung, const StatVector& data,
-                           const std::string& segment) {
+                              const std::string& segment) {
   const Whitened& rest = rung.rest;
   std::vector<MapCell> cells;
   for (const auto& block : experiment.layout().blocks) {

@@ -8,10 +8,12 @@
 
 namespace binrig {
 
-/// What a cell is looked at over: its name, what an axis of it says, and what its value is multiplied by for that.
+/// What a cell is looked at over.
 struct Covariate {
-  std::string name, label;
-  double scale = 1;
+  std::string name;
+  std::string in_formulas;  ///< as a formula effect knows it; "" = it does not
+  std::string label;        ///< of an axis, with the unit
+  double scale = 1;         ///< to that unit from that of MapCell::covariates (mm, rad, px)
 };
 const std::vector<Covariate>& covariates();
 
@@ -25,7 +27,8 @@ struct MapCell {
   std::vector<double> covariates;  ///< in the order of covariates()
 };
 
-/// The cells of a segment that are known and on a surface, of all captures.
+/// The cells of a segment that are known and on a surface, of all captures; empty where the segment has no maps. `data`
+/// and what `rung` holds are of the experiment's layout. Throws what rendering throws.
 std::vector<MapCell> cells_of(const Experiment& experiment, const Rung& rung, const StatVector& data,
                               const std::string& segment);
 

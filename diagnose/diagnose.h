@@ -39,7 +39,9 @@ struct Score {
 /// Measured against simulated, in plain units (`label` says which; `even` is where both agree), targets and lens where
 /// the data want them: by the model given and by the last one.
 struct Maps {
-  std::string segment, label, capture;
+  std::string segment;
+  std::string label;    ///< what is shown, with its unit
+  std::string capture;  ///< as capture_name says it
   double even = 0;
   cv::Mat before, after;  ///< CV_32F, one value a cell of the map
   cv::Mat valid;          ///< CV_8U
@@ -48,9 +50,12 @@ struct Maps {
 /// The same over a covariate or a frequency, mean over the captures held out. Between `low` and `high` lie 95 % of the
 /// last model's own simulations.
 struct Course {
-  std::string segment, covariate, label, covariate_label;
+  std::string segment;
+  std::string covariate;        ///< of covariates(), or "frequency"
+  std::string label;            ///< what is shown, with its unit
+  std::string covariate_label;  ///< the same of the covariate
   double even = 0;
-  std::vector<double> at, before, after, low, high;
+  std::vector<double> at, before, after, low, high;  ///< one element a class, by rising covariate
 };
 
 struct LadderStep {

@@ -20,9 +20,6 @@ constexpr int map_cols = 12, map_rows = 9;  // of a pattern fixed in the image
 constexpr double least_share = 0.02;        // of what is left, that a shape has to explain to be spoken of
 constexpr double pi = 3.14159265358979323846;
 
-/// As a formula effect knows them; "" = it does not.
-const std::vector<std::string> formula_names{"z", "x", "y", "r2", "theta", "I", "e", ""};
-
 /// Shapes in the statistics that are fitted to the residual on train, as hypotheses are: whitened like it, with what
 /// poses, lens and the model's own parameters could make of them taken out.
 struct Shapes {
@@ -156,7 +153,7 @@ double step_height(const Experiment& experiment, const Rung& rung, const std::ve
 
 /// A parabola of the change over a covariate, as a formula effect's YAML.
 std::string curve_formula(const std::vector<MapCell>& cells, std::size_t covariate) {
-  const std::string& name = formula_names[covariate];
+  const std::string& name = covariates()[covariate].in_formulas;
   if (name.empty()) return "";
   Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();

@@ -15,7 +15,7 @@ ValueSteps simulated_values(const Experiment& experiment, const SensorModel& mod
     request.model = &model;
     request.frames = 1;
     experiment.forward().simulate(
-        request, [&](const Frame& frame, int) { values.add(frame.depth_mm, experiment.context(c).focal_baseline); });
+        request, [&](const Frame& frame, int) { values.add(frame, experiment.context(c).focal_baseline); });
   }
   return values;
 }

@@ -9,7 +9,6 @@
 #include "core/parallel.h"
 #include "diagnose/cells.h"
 #include "diagnose/climb.h"
-#include "diagnose/diagnose.h"
 
 namespace binrig {
 namespace {
@@ -151,9 +150,10 @@ std::vector<Course> Where::over_covariates(const Plain& plain) const {
       one.elements.push_back(cells[i].index);
     }
     for (Class& one : list) one.at /= static_cast<double>(one.elements.size());
-    // Targets that face the camera share one value: their classes are one.
+    // Targets that face the camera share one value, but for rounding: their classes are one.
+    const double same = 1e-6 * (list.back().at - list.front().at);
     for (std::size_t i = 1; i < list.size();) {
-      if (list[i].at > list[i - 1].at) {
+      if (list[i].at > list[i - 1].at + same) {
         ++i;
         continue;
       }

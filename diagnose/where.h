@@ -13,7 +13,8 @@ namespace binrig {
 class Where {
  public:
   /// `first` and `last`: rungs of the model given and of the last one; the same one where nothing was added. `last` has
-  /// its nulls still. All are kept by reference.
+  /// its nulls and metrics still (no leave_behind). `measured`: stabilised, of the experiment's layout. All are kept by
+  /// reference.
   Where(const Experiment& experiment, const std::vector<SceneMotion>& motions, const StatVector& measured,
         const Rung& first, const Rung& last);
 
@@ -31,7 +32,7 @@ class Where {
     std::vector<int> elements;
   };
   static const std::vector<Plain>& plain_units();
-  /// Of an element, in plain units before Plain::shown; NaN where it is not known.
+  /// Of an element, as Plain::change has it; NaN where it is not known.
   double change(const Plain& plain, int element, bool last) const;
   Course course(const Plain& plain, const std::vector<Class>& classes) const;
   std::vector<Course> over_covariates(const Plain& plain) const;
@@ -41,7 +42,7 @@ class Where {
   const StatVector& measured_;
   const Rung &first_, &last_;
   StatVector first_left_, last_left_;  // measured less simulated, stabilised, targets registered
-  std::vector<StatVector> own_;        // the same of the last model's simulations
+  std::vector<StatVector> own_;        // what the last model's own simulations leave, on the same scale
 };
 
 }  // namespace binrig

@@ -11,6 +11,13 @@ namespace {
 constexpr double focal_baseline = 45000;  // px mm
 constexpr int most = 4;
 
+Frame frame_of(const cv::Mat_<float>& depth_mm, double storage_mm = 0) {
+  Frame frame;
+  frame.depth_mm = depth_mm;
+  frame.depth_scale_mm = storage_mm;
+  return frame;
+}
+
 /// Flat targets, hardly tilted, at the given distances; `sensor` turns a true depth into a recorded one.
 template <class Sensor>
 ValueSteps seen(const std::vector<double>& distances_mm, double noise_mm, Sensor sensor, unsigned seed = 7,
@@ -19,11 +26,11 @@ ValueSteps seen(const std::vector<double>& distances_mm, double noise_mm, Sensor
   std::normal_distribution<double> noise(0, noise_mm);
   ValueSteps steps;
   for (const double z : distances_mm) {
-    cv::Mat_<float> frame(96, 128);
-    for (int row = 0; row < frame.rows; ++row)
-      for (int col = 0; col < frame.cols; ++col)
-        frame(row, col) = static_cast<float>(sensor(z + 0.01 * (col - 64) + noise(random)));
-    steps.add(frame, focal_baseline, storage_mm);
+    cv::Mat_<float> depth_mm(96, 128);
+    for (int row = 0; row < depth_mm.rows; ++row)
+      for (int col = 0; col < depth_mm.cols; ++col)
+        depth_mm(row, col) = static_cast<float>(sensor(z + 0.01 * (col - 64) + noise(random)));
+    steps.add(frame_of(depth_mm, storage_mm), focal_baseline);
   }
   return steps;
 }
@@ -98,14 +105,14 @@ TEST(ValueSteps, DisparitiesOfALongLens) {
   constexpr double long_lens = 230000;  // 210 to 440 px
   ValueSteps steps, usual;
   for (const double z : apart) {
-    cv::Mat_<float> frame(96, 128), unrounded(96, 128);
+    cv::Mat_<float> recorded(96, 128), unrounded(96, 128);
     for (int i = 0; i < 96 * 128; ++i) {
       unrounded(i / 128, i % 128) = static_cast<float>(z + 1e-3 * i);
-      frame(i / 128, i % 128) =
+      recorded(i / 128, i % 128) =
           static_cast<float>(long_lens / rounded(long_lens / unrounded(i / 128, i % 128), 0.0625));
     }
-    steps.add(frame, long_lens);
-    usual.add(unrounded, long_lens);
+    steps.add(frame_of(recorded), long_lens);
+    usual.add(frame_of(unrounded), long_lens);
   }
   const auto found = steps.disparity_px(1.0 / 128, 1, most, usual);
   ASSERT_FALSE(found.empty());
