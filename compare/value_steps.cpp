@@ -19,7 +19,7 @@ constexpr double beyond_chance = 2;  // times the strongest line of chance: neig
 constexpr double after_a_dip = 1.2;  // times the weakest line of lower frequency: else it is the slope down from zero
 constexpr double unusual = 1.5;      // times the strongest line nearby of usual values
 constexpr double as_strong = 0.8;    // of a multiple's line, to be its fundamental
-constexpr double in_phase = 0.9;     // of a line's modulus, to be of whole multiples of the step
+constexpr double in_phase = 0.9;  // of a line's modulus, to be of whole multiples of the step; of all values, of exact
 constexpr double twice_storage = 0.64;  // modulus of a step's line after storage in halves of it: sinc(1/2) = 2 / pi
 
 /// Lines of a histogram.
@@ -63,8 +63,9 @@ class Lines {
     }
     std::vector<ReadStep> result;
     for (const int line : lines) {
-      const double step = length / refined(line);
-      result.push_back({step, step * step / (2 * bin_ * typical_value())});
+      const double refined_line = refined(line), step = length / refined_line;
+      result.push_back(
+          {step, step * step / (2 * bin_ * typical_value()), in_phase_at(refined_line) > in_phase * total_});
     }
     return result;
   }

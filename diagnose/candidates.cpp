@@ -46,7 +46,8 @@ std::string Candidates::leave_trifles(const Rung& rung, std::vector<const Refine
   return said;
 }
 
-Found Candidates::of(const Refined& refined, const Rung& rung, const SearchResult& found, const Refined* beaten) const {
+Found Candidates::of(const Refined& refined, const Rung& rung, const SearchResult& found,
+                     const std::set<std::string>& beaten) const {
   Found result{refined,
                report_of(refined, static_cast<int>(rung.nulls.size())),
                {refined.effect, false, refined.random_map, {}},
@@ -54,7 +55,7 @@ Found Candidates::of(const Refined& refined, const Rung& rung, const SearchResul
   auto& [copy, report, accepted, close] = result;
   accepted.map = hypothesis(refined).declaration->per_unit_map;
   for (const auto& rival : found.refined)
-    if (rival.effect != refined.effect && !(beaten && rival.effect == beaten->effect) &&
+    if (rival.effect != refined.effect && !beaten.contains(rival.effect) &&
         rival.test_gain > options_.least_test_gain &&
         std::find(accepted.rivals.begin(), accepted.rivals.end(), rival.effect) == accepted.rivals.end() &&
         confounded(rung, refined, rival))

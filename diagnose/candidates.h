@@ -1,6 +1,9 @@
 // What is said of a hypothesis that a search accepted: what looks the same, and what to capture to tell them apart.
 #pragma once
 
+#include <set>
+#include <string>
+
 #include "diagnose/advice.h"
 #include "diagnose/diagnose.h"
 #include "diagnose/search_result.h"
@@ -24,8 +27,9 @@ class Candidates {
       : experiment_(experiment), motions_(motions), all_(all), options_(options), seed_(seed) {}
 
   /// `refined`, of `found`, which was looked for beside `rung`. Rivals are what `confounded` says of the others;
-  /// `beaten`, if given, is none. Throws what simulating throws.
-  Found of(const Refined& refined, const Rung& rung, const SearchResult& found, const Refined* beaten = nullptr) const;
+  /// effects `beaten` are none. Throws what simulating throws.
+  Found of(const Refined& refined, const Rung& rung, const SearchResult& found,
+           const std::set<std::string>& beaten = {}) const;
 
   /// Its gains (of chi) and p-value, which is counted in `null_count` simulated recordings; no rivals, no parameters.
   CandidateReport report_of(const Refined& refined, int null_count) const;

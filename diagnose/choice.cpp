@@ -45,7 +45,7 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
 bool makes_better(const Left& before, const Left& after, const Addition& addition) {
   constexpr double least_fall = 0.02;         // share of what is left of the held-out score
   constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
-  constexpr double hardly_rises = 0.1;        // a score that stays as it is, where the proper one falls
+  constexpr double hardly_rises = 0.1;        // a score that stays as it is, by chance
   constexpr double least_proper_gain = 0.01;  // an element
   constexpr double most = 0.5;                // of what is left of the statistics
   const double excess = std::max(0.0, before.heldout - 1), rise = after.proper_score - before.proper_score;
@@ -55,8 +55,8 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
   const bool explains_all = !before.unexplained.empty() && after.unexplained.empty();
   const bool gets_worse = (excess == 0 && rise >= (explains_all ? 2 : 1) * least_proper_gain) ||
                           (rise >= hardly_worse && before.unexplained.empty());
-  const double fall = addition.unproven ? unproven_fall : least_fall;
-  if (!gets_worse && after.heldout <= before.heldout - fall * excess) return true;
+  const double fall = addition.unproven ? std::max(hardly_rises, unproven_fall * excess) : least_fall * excess;
+  if (!gets_worse && after.heldout <= before.heldout - fall) return true;
   if (addition.happens_or_not && leaves_less(before.unexplained, after.unexplained)) return true;
   if (addition.unproven) return false;
   const bool hardly_rose = after.heldout < before.heldout + std::max(hardly_rises, least_fall * excess);

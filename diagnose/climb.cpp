@@ -25,6 +25,8 @@ namespace {
 
 constexpr double leaves_little = 1.3;    // dispersion up to which places and masks are looked after
 constexpr double clearly_better = 0.01;  // of a proper score
+constexpr std::size_t most_runners_up = 3;
+constexpr int most_tries = 3;  // of hypotheses one after the other, as long as none makes the ladder better
 
 class Climb {
  public:
@@ -64,6 +66,7 @@ class Climb {
       }
       climbed_ = nothing;
       book_.reset(), book_as_given_.reset(), looked_closely_.clear(), waiting_.clear(), close_.clear();
+      looked_in_vain_ = step_failed_ = false;
     }
     climb_from(std::move(first));
     return std::move(climbed_);
@@ -173,7 +176,8 @@ class Climb {
     const auto [hypotheses, signatures] = left(*book_);
     const SearchResult found = search(
         experiment_, motions_, last(), measured_, hypotheses, signatures,
-        Standing{!climbed_.evidence.accepted.empty(), bent()}, [this] { return beginning(); }, search_options_);
+        Standing{!climbed_.evidence.accepted.empty(), bent(), looked_in_vain_, !step_failed_},
+        [this] { return beginning(); }, search_options_);
     if (climbed_.ranking.empty())
       for (std::size_t h = 0; h < hypotheses.tested.size(); ++h)
         climbed_.ranking.push_back({hypotheses.tested[h].effect, found.linear[h].gain / last().dispersion,
@@ -191,18 +195,28 @@ class Climb {
     auto proven = found.accepted(search_options_), worthy = found.worthy(search_options_);
     const bool beside_proven = !proven.empty() && worthy.size() > proven.size();
     say(candidates_.leave_trifles(last(), worthy));
-    const auto take_best_of = [&](const std::vector<const Refined*>& of) {
-      if (of.empty()) return false;
-      const Rung& rung = last();
-      auto [best, next, beaten] = choose(rung, of, signatures);
-      // Where many are missing, each of these explains its own: they wait, and nothing is looked for in between.
-      if (rung.dispersion > many_missing)
-        for (const Refined* other : standing_beside(rung, *best, of))
-          waiting_.push_back(candidates_.of(*other, rung, found));
-      const bool unproven = std::ranges::find(proven, best) == proven.end();
-      return take(candidates_.of(*best, rung, found, beaten), std::move(next), unproven);
+    const auto take_best_of = [&](std::vector<const Refined*> of) {
+      for (int tries = 0; tries < most_tries && !of.empty(); ++tries) {
+        const Rung& rung = last();
+        auto [best, next, beaten] = choose(rung, of, signatures);
+        // Where many are missing, each of these explains its own: they wait, and nothing is looked for in between.
+        if (rung.dispersion > many_missing)
+          for (const Refined* other : standing_beside(rung, *best, of))
+            waiting_.push_back(candidates_.of(*other, rung, found));
+        const bool unproven = std::ranges::find(proven, best) == proven.end();
+        if (found.looked_again) looked_in_vain_ = !best->from_given;
+        if (take(candidates_.of(*best, rung, found, beaten), std::move(next), unproven)) return true;
+        // Where little is left, what makes it no better was a chance resemblance, and so are those behind it.
+        if (last().dispersion <= leaves_little || !waiting_.empty()) return false;
+        std::erase_if(of, [&, effect = best->effect](const Refined* other) { return other->effect == effect; });
+      }
+      return false;
     };
     if (take_best_of(worthy) || take_waiting()) return true;
+    if (std::ranges::any_of(worthy, &Refined::certain)) {
+      step_failed_ = true;
+      return step_up();
+    }
     if (!beside_proven) return false;
     say(candidates_.leave_trifles(last(), proven));
     return take_best_of(proven) || take_waiting();
@@ -290,10 +304,11 @@ class Climb {
 
   struct Chosen {
     const Refined* best;
-    Rung rung;                        ///< with it
-    const Refined* beaten = nullptr;  ///< came close, but the data tell it from the best
+    Rung rung;                     ///< with it
+    std::set<std::string> beaten;  ///< effects that came close, but the data tell them from the best
   };
-  /// The one that is added. The runner-up is tried, too: a model's bent parameters may have favoured the wrong one.
+  /// The one that is added. The runner-up is tried, too: a model's bent parameters may have favoured the wrong one. So
+  /// are more that came close, as long as something stays unexplained.
   Chosen choose(const Rung& rung, const std::vector<const Refined*>& worthy,
                 const std::vector<Signature>& signatures) const {
     const Refined* best = worthy[0];
@@ -310,25 +325,33 @@ class Climb {
     if (lens_is_off()) take_if_better(adding_.lens_put_back(next, best->id, climbed_.options));
     if (has_tone(*candidates_.hypothesis(*best).declaration) ? !left.empty() : lens_is_off())
       take_if_better(adding_.to_the_given(rung, candidates_.hypothesis(*best), climbed_.options));
-    const auto second =
-        std::find_if(worthy.begin(), worthy.end(), [&](const Refined* other) { return other->effect != best->effect; });
-    if (second == worthy.end() || (*second)->score() <= search_options_.close_behind * best->score() ||
-        (rung.dispersion > many_missing && !standing_beside(rung, *best, {*second}).empty()))
-      return {best, std::move(next)};
-    const Refined* runner_up = *second;
-    Rung other = adding_.to(rung, *runner_up, climbed_.options);
-    const auto contender = [&](const Rung& with, const Refined& beside) {
-      return Contender{with.dispersion, proper_score(experiment_.layout(), with),
-                       [&] { return left_for(beside, with, signatures); },
-                       [&] { return unexplained_excess(goodness_of_fit(experiment_.layout(), with)); }};
+    Chosen chosen{best, std::move(next), {}};
+    std::set<std::string> tried{best->effect};
+    for (const Refined* other : worthy) {
+      if (tried.size() > most_runners_up) break;
+      if (other->score() <= search_options_.close_behind * best->score() || tried.contains(other->effect)) continue;
+      if (rung.dispersion > many_missing && !standing_beside(rung, *best, {other}).empty()) continue;
+      if (tried.size() > 1 && unexplained(experiment_.layout(), chosen.rung).empty()) break;
+      tried.insert(other->effect);
+      contest(chosen, *other, adding_.to(rung, *other, climbed_.options), signatures);
+    }
+    return chosen;
+  }
+
+  /// Which of the two stays: `chosen`, or what was added in its place.
+  void contest(Chosen& chosen, const Refined& runner_up, Rung with, const std::vector<Signature>& signatures) const {
+    const auto contender = [&](const Rung& rung, const Refined& beside) {
+      return Contender{rung.dispersion, proper_score(experiment_.layout(), rung),
+                       [&] { return left_for(beside, rung, signatures); },
+                       [&] { return unexplained_excess(goodness_of_fit(experiment_.layout(), rung)); }};
     };
-    const Contender first = contender(next, *runner_up), follower = contender(other, *best);
+    const Contender first = contender(chosen.rung, runner_up), follower = contender(with, *chosen.best);
     if (tracing())
-      fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", best->effect, first.dispersion,
-                 first.proper_score, runner_up->effect, follower.dispersion, follower.proper_score);
+      fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", chosen.best->effect,
+                 first.dispersion, first.proper_score, runner_up.effect, follower.dispersion, follower.proper_score);
     const Choice choice = binrig::choose(first, follower, search_options_.least_train_gain);
-    if (choice.runner_up) return {runner_up, std::move(other), choice.clear ? best : nullptr};
-    return {best, std::move(next), choice.clear ? runner_up : nullptr};
+    if (choice.clear) chosen.beaten.insert(choice.runner_up ? chosen.best->effect : runner_up.effect);
+    if (choice.runner_up) chosen.best = &runner_up, chosen.rung = std::move(with);
   }
 
   /// What the signatures of a hypothesis gain of what a rung leaves, less what chance makes of them.
@@ -390,6 +413,8 @@ class Climb {
   const Candidates candidates_;
   std::optional<SignatureBook> book_, book_as_given_;
   std::vector<bool> looked_closely_;         // by hypothesis
+  bool looked_in_vain_ = false;              // see Standing
+  bool step_failed_ = false;                 // one that is certain made nothing better
   std::vector<Found> waiting_;               // best first
   std::vector<std::vector<Refined>> close_;  // by candidate: what may take its place, not yet tried
   Climbed climbed_;

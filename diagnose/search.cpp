@@ -58,6 +58,7 @@ class Search {
     set_gates();
     look_where_it_stands_out();
     base_ = registered_remainder(refiner_, rung_.model);
+    if (standing_.exact_steps_first && take_certain_step()) return std::move(result_);
     refine_shortlist();
     const bool known = result_.explained_by_one(options_) || result_.happening(options_);
     if (!known && astray() && !first_of_many())
@@ -226,6 +227,7 @@ class Search {
   /// What a refined hypothesis gains, by simulation; of what a fit `anew` does, only what it owes to the hypothesis.
   void judge(RefinedFit fitted, int h, bool anew = false) {
     Refined refined;
+    refined.from_given = result_.looked_again;
     refined.id = fitted.id;
     refined.model = fitted.fit.model;
     refined.fit = std::move(fitted.fit);
@@ -242,6 +244,8 @@ class Search {
     for (const auto& [name, value] : refined.model.find(refined.id)->values) values[name] = value.value;
     if (const ReadStep* step = hypotheses_.tested[h].seen_at(values)) {
       refined.step_seen = true;
+      refined.certain = standing_.exact_steps_first && step->exact;
+      if (refined.certain) refined.p = {1e-12, true};
       value_in(refined.model, refined.id, hypotheses_.tested[h].declaration->amplitude).ci95 = {
           {step->value - step->uncertainty, step->value + step->uncertainty}};
     }
@@ -326,6 +330,24 @@ class Search {
     return result;
   }
 
+  /// A step of which nearly all recorded values are whole multiples is in the recording, whatever else is missing. One
+  /// that is wider than the noise is a landscape of stairs in which, with targets where they nominally stand, the right
+  /// step leaves as much as none.
+  bool take_certain_step() {
+    for (int h = 0; h < count_; ++h) {
+      const Hypothesis& hypothesis = hypotheses_.tested[h];
+      double coarsest = 0;  // its whole parts are exact, too
+      for (const ReadStep& step : hypothesis.seen)
+        if (step.exact) coarsest = std::max(coarsest, step.value);
+      if (coarsest == 0) continue;
+      LinearGain at = result_.linear[h];
+      at.values[hypothesis.declaration->amplitude] = coarsest;
+      judge(refine(refiner_, hypothesis, at), h);
+      return true;
+    }
+    return false;
+  }
+
   void refine_shortlist() {
     double most_explained = 0;
     for (const auto& [gain, h] : shortlist()) {
@@ -360,10 +382,11 @@ class Search {
   /// Poses, intrinsics or other parameters made up for what is missing, or nobody explains it: what the model leaves
   /// says little of what it lacks. Signatures are of the model without what was added to it: with that, less says so.
   bool astray() const {
-    if (std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced) return true;
+    const bool proven = !result_.accepted(options_).empty();
+    if (std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced)
+      return !proven || !standing_.looked_in_vain;
     if (!standing_.added && standing_.bent) return true;
-    if (result_.accepted(options_).empty())
-      return left_ > options_.unexplained || !unexplained(experiment_.layout(), rung_).empty();
+    if (!proven) return left_ > options_.unexplained || !unexplained(experiment_.layout(), rung_).empty();
     return !standing_.added && left_ > options_.astray;
   }
 
@@ -388,13 +411,16 @@ class Search {
 
   /// From the parameters as they were given, unless that names the best one of those accepted, too.
   void look_again(const Beginning& from) {
+    result_.looked_again = true;
     const auto accepted = result_.accepted(options_);
     const auto best = std::max_element(accepted.begin(), accepted.end(),
                                        [](const Refined* a, const Refined* b) { return a->score() < b->score(); });
     const int known = best == accepted.end() ? -1 : (*best)->hypothesis;
     const double by_chance = rung_.train.explain(rung_.data, rung_.place).chi / rung_.dispersion;
+    // Of what was there in the beginning, other effects hid a part.
+    const double share = standing_.added ? options_.least_share * (1 - 1 / rung_.dispersion) : 0;
     std::vector<double> least_share;
-    for (const double gate : own_gate_) least_share.push_back(gate / by_chance);
+    for (const double gate : own_gate_) least_share.push_back(std::max(gate / by_chance, share));
     for (Anew& anew : look_anew(experiment_, motions_, measured_, from, hypotheses_, known, options_.anew,
                                 options_.seed + 60, least_share)) {
       // What the rung has learned of all else is worth more than what a fit from far away did, or it went astray.

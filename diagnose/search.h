@@ -13,6 +13,10 @@ namespace binrig {
 struct Standing {
   bool added;  ///< effects were added to the model given
   bool bent;   ///< a parameter of it went far from where it was given
+  /// The last second look from the parameters as given named nothing that was added.
+  bool looked_in_vain;
+  /// A step of which all values are whole multiples goes first; false where that was tried and made nothing better.
+  bool exact_steps_first;
 };
 
 /// Gains are of chi (whitened, dimensionless), those of refined hypotheses with the rung's dispersion divided out.

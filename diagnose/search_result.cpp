@@ -31,7 +31,8 @@ bool happens_beyond_doubt(const Refined& candidate, const SearchOptions& options
 std::vector<const Refined*> SearchResult::accepted(const SearchOptions& options) const {
   std::vector<const Refined*> result;
   for (const auto& candidate : refined)
-    if (candidate.test_gain > options.least_test_gain && significant_on_train(candidate, options))
+    if (candidate.certain ||
+        (candidate.test_gain > options.least_test_gain && significant_on_train(candidate, options)))
       result.push_back(&candidate);
   return result;
 }
@@ -78,7 +79,7 @@ std::vector<const Refined*> SearchResult::worthy(const SearchOptions& options) c
 bool SearchResult::explained_by_one(const SearchOptions& options) const {
   const auto most = std::ranges::max_element(refined, {}, &Refined::train_gain);
   return most != refined.end() && significant_on_train(*most, options) && most->share > options.nearly_all &&
-         std::ranges::none_of(refined, [&](const Refined& other) {
+         most->test_gain > options.least_test_gain && std::ranges::none_of(refined, [&](const Refined& other) {
            return other.effect != most->effect && other.train_gain > options.next_to_nothing * most->train_gain;
          });
 }

@@ -26,7 +26,9 @@ struct Refined {
   /// Its parameters are those of a map that was recognised, or what its signatures say, with intervals: no fit says
   /// more of them.
   bool held = false;
+  bool from_given = false;   ///< a second look from the parameters as given put it where it is
   bool step_seen = false;    ///< stands at a step that was read off the recorded values, and stays there
+  bool certain = false;      ///< of which nearly all values are whole multiples: no gain needs to prove it
   Whitened change;           ///< what it moves, all captures
   double shown_on_test = 0;  ///< square of that on the captures held out, dispersion divided out
   int shown_in = 0;          ///< the train capture that shows it most
@@ -70,7 +72,8 @@ struct SearchResult {
   std::vector<std::vector<double>> null_gains;  ///< by hypothesis
   double gate = 0;                              ///< gain less price beyond which hypotheses are no children of chance
   std::vector<Refined> refined;                 ///< best first
-  /// Those that are significant on train and confirmed on test, best first.
+  bool looked_again = false;                    ///< from the parameters as given
+  /// Those that are certain, or significant on train and confirmed on test, best first.
   std::vector<const Refined*> accepted(const SearchOptions& options) const;
   /// What happens or not, if its signatures are beyond doubt and gain more than those of any other: beside it no fit of
   /// another means anything, since its randomness is in neither. Null if there is none.
@@ -87,8 +90,8 @@ struct SearchResult {
   /// than the best that did: frames that shake as wholes make noise maps of the captures held out larger or smaller as
   /// wholes, which on the scale of a model that stands still counts against them.
   std::vector<const Refined*> worthy(const SearchOptions& options) const;
-  /// One explains nearly all that is left on train, and the others next to nothing of that: whatever parameters were
-  /// bent to, they do not hide what is missing.
+  /// One explains nearly all that is left on train, as the captures held out confirm, and the others next to nothing of
+  /// that: whatever parameters were bent to, they do not hide what is missing.
   bool explained_by_one(const SearchOptions& options) const;
 };
 

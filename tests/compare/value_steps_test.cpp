@@ -66,7 +66,20 @@ TEST(ValueSteps, DepthThatIsRounded) {
       EXPECT_TRUE(std::ranges::any_of(values_of(found), right))
           << step << " mm, found " << testing::PrintToString(values_of(found));
       EXPECT_TRUE(has(found, step)) << step << " mm";
+      for (const ReadStep& read : found) {
+        if (right(read.value)) EXPECT_TRUE(read.exact) << step << " mm";
+      }
     }
+}
+
+TEST(ValueSteps, AStepThatIsDisturbedAfterwardsIsNotExact) {
+  std::mt19937 random(5);
+  std::normal_distribution<double> later(0, 0.1);  // mm; the modulus of the line is exp(-(2 pi 0.1 / 0.8)^2 / 2) = 0.73
+  const auto found = seen(apart, 0.25, [&](double z) {
+                       return rounded(z, 0.8) + later(random);
+                     }).depth_mm(0.1, 20, most, usual(apart));
+  ASSERT_TRUE(has(found, 0.8));
+  EXPECT_TRUE(std::ranges::none_of(found, &ReadStep::exact));
 }
 
 TEST(ValueSteps, AStepHardlyCoarserThanThatOfStorage) {

@@ -115,6 +115,7 @@ TEST(MakesBetter, WhatHadNotProvedItselfHasToTakeAQuarter) {
   const Left before{2, -3.0, {{"bias", true}}, 2};
   EXPECT_FALSE(makes_better(before, {1.8, -3.1, {}, 1.8}, {.unproven = true}));
   EXPECT_TRUE(makes_better(before, {1.7, -3.1, {}, 1.7}, {.unproven = true}));
+  EXPECT_FALSE(makes_better({1.11, -3.0, {}, 1.11}, {1.07, -3.1, {}, 1.07}, {.unproven = true})) << "by chance";
 }
 
 TEST(MakesBetter, AMapOfTheUnitAndWhatHappensOrNotAreJudgedByWhatScoresDoNotSay) {

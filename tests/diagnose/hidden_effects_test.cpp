@@ -88,7 +88,7 @@ TEST_P(HiddenEffect, IsNamedFirst) {
 
 INSTANTIATE_TEST_SUITE_P(OfTheCatalogue, HiddenEffect,
                          ::testing::Values("radial_distortion", "row_noise", "depth_offset", "disparity_quantisation",
-                                           "dead_pixels", "mismatch_outliers", "frame_repeat"),
+                                           "depth_units", "dead_pixels", "mismatch_outliers", "frame_repeat"),
                          [](const auto& info) { return std::string(info.param); });
 
 TEST(HiddenEffects, ARingInTheSpectrumIsToldFromTheModelsOwnNoise) {

@@ -232,6 +232,7 @@ TEST(SearchResult, OneExplainsItAllWhereTheOthersExplainNextToNothing) {
   most.effect = "most";
   most.share = 0.9;
   most.train_gain = 1000;
+  most.test_gain = 300;
   other.effect = "other";
   other.train_gain = 200;
   SearchResult found;
@@ -247,6 +248,20 @@ TEST(SearchResult, OneExplainsItAllWhereTheOthersExplainNextToNothing) {
   found.refined[1].share = 0.9;
   found.refined[1].gate = 2000;
   EXPECT_FALSE(found.explained_by_one(options)) << "chance explains as much";
+  found.refined[1].gate = 0;
+  found.refined[1].test_gain = -170;
+  EXPECT_FALSE(found.explained_by_one(options)) << "the captures held out say otherwise";
+}
+
+TEST(SearchResult, WhatIsCertainNeedsNoGain) {
+  const SearchOptions options;
+  Refined step;
+  step.train_gain = step.test_gain = -1000;
+  SearchResult found;
+  found.refined = {step};
+  EXPECT_TRUE(found.worthy(options).empty());
+  found.refined[0].certain = true;
+  EXPECT_EQ(found.worthy(options), std::vector<const Refined*>{&found.refined[0]});
 }
 
 }  // namespace
