@@ -20,7 +20,8 @@ struct ReadStep {
   /// Surely nearer than this: so far off, the typical (mean) value would lie between two whole multiples where it lies
   /// on one, value^2 / (2 mean). What is read is some ten times nearer.
   double uncertainty = 0;
-  bool exact = false;  ///< nearly all values lie on its whole multiples: the real part of its line is nine tenths of it
+  /// Nearly all values lie on its whole multiples: the mean of cos(2 pi x / value) over all values x is beyond 0.9.
+  bool exact = false;
 };
 
 /// Counts the values of a recording up to 5.2 m and 512 px (6 MB; memory does not grow with the number of frames).

@@ -23,9 +23,9 @@
 namespace binrig {
 namespace {
 
-constexpr double leaves_little = 1.3;    // dispersion up to which places and masks are looked after
-constexpr double clearly_better = 0.01;  // of a proper score
-constexpr std::size_t most_runners_up = 3;
+constexpr double leaves_little = 1.3;       // dispersion up to which places and masks are looked after
+constexpr double clearly_better = 0.01;     // of a proper score
+constexpr std::size_t most_runners_up = 3;  // that are fitted with everything beside the best
 constexpr int most_tries = 3;  // of hypotheses one after the other, as long as none makes the ladder better
 
 class Climb {
@@ -195,7 +195,9 @@ class Climb {
     auto proven = found.accepted(search_options_), worthy = found.worthy(search_options_);
     const bool beside_proven = !proven.empty() && worthy.size() > proven.size();
     say(candidates_.leave_trifles(last(), worthy));
+    std::set<const Refined*> failed;
     const auto take_best_of = [&](std::vector<const Refined*> of) {
+      std::erase_if(of, [&](const Refined* candidate) { return failed.contains(candidate); });
       for (int tries = 0; tries < most_tries && !of.empty(); ++tries) {
         const Rung& rung = last();
         auto [best, next, beaten] = choose(rung, of, signatures);
@@ -206,6 +208,7 @@ class Climb {
         const bool unproven = std::ranges::find(proven, best) == proven.end();
         if (found.looked_again) looked_in_vain_ = !best->from_given;
         if (take(candidates_.of(*best, rung, found, beaten), std::move(next), unproven)) return true;
+        failed.insert(best);
         // Where little is left, what makes it no better was a chance resemblance, and so are those behind it.
         if (last().dispersion <= leaves_little || !waiting_.empty()) return false;
         std::erase_if(of, [&, effect = best->effect](const Refined* other) { return other->effect == effect; });
@@ -213,7 +216,7 @@ class Climb {
       return false;
     };
     if (take_best_of(worthy) || take_waiting()) return true;
-    if (std::ranges::any_of(worthy, &Refined::certain)) {
+    if (std::ranges::any_of(found.refined, &Refined::certain)) {  // nothing else was looked for
       step_failed_ = true;
       return step_up();
     }

@@ -245,7 +245,7 @@ class Search {
     if (const ReadStep* step = hypotheses_.tested[h].seen_at(values)) {
       refined.step_seen = true;
       refined.certain = standing_.exact_steps_first && step->exact;
-      if (refined.certain) refined.p = {1e-12, true};
+      if (refined.certain) refined.p = {1e-12, true};  // the least that is said; gains are not what speaks for it
       value_in(refined.model, refined.id, hypotheses_.tested[h].declaration->amplitude).ci95 = {
           {step->value - step->uncertainty, step->value + step->uncertainty}};
     }
@@ -297,7 +297,6 @@ class Search {
 
   /// The rung's model with a hypothesis that happens to whole frames or not, as often as its signatures say.
   RefinedFit given_by_signatures(int h) const {
-    constexpr int recordings = 24;
     const EffectDeclaration& effect = *hypotheses_.tested[h].declaration;
     const ParameterSpec& spec = *effect.parameter(effect.amplitude);
     std::map<std::string, double> values = result_.linear[h].values;
@@ -308,7 +307,7 @@ class Search {
     const auto found_where = [&](double value) {
       const SensorModel model = with(value);
       std::vector<Trial> trials;
-      for (int k = 0; k < recordings; ++k)
+      for (int k = 0; k < counted_recordings; ++k)
         trials.push_back({model, rung_.offsets, options_.seed + 4000 + static_cast<std::uint64_t>(k), Part::train});
       std::vector<double> found;
       for (const StatVector& recording : experiment_.simulate(trials, "refining hypotheses")) {

@@ -9,7 +9,7 @@
 
 namespace binrig {
 
-/// How a rung's model came about.
+/// How a rung's model came about, and what was tried on the way.
 struct Standing {
   bool added;  ///< effects were added to the model given
   bool bent;   ///< a parameter of it went far from where it was given

@@ -71,7 +71,9 @@ TEST(Where, ATargetThatStandsElsewhereIsNoBias) {
   for (Offset& offset : astray) offset.pose[5] = 1;  // mm
   const Rung rung = fit_rung(c.experiment, c.motions, c.measured, c.start, astray, options);
   for (const Maps& maps : Where(c.experiment, c.motions, c.measured.all, rung, rung).maps())
-    if (maps.segment == "bias") EXPECT_LT(std::abs(cv::mean(maps.after, maps.valid)[0]), 0.1) << maps.capture;
+    if (maps.segment == "bias") {
+      EXPECT_LT(std::abs(cv::mean(maps.after, maps.valid)[0]), 0.1) << maps.capture;
+    }
 }
 
 }  // namespace
