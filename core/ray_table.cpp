@@ -1,10 +1,7 @@
 #include "core/ray_table.h"
 
-#include <list>
-#include <mutex>
-#include <utility>
-
 #include "core/parallel.h"
+#include "core/recently_made.h"
 
 namespace binrig {
 
@@ -35,23 +32,8 @@ cv::Mat make_table(const Camera& camera) {
 }  // namespace
 
 cv::Mat ray_table(const Camera& camera) {
-  static std::mutex mutex;
-  static std::list<std::pair<Camera, cv::Mat>> tables;  // used last comes first
-  {
-    const std::lock_guard lock(mutex);
-    for (auto it = tables.begin(); it != tables.end(); ++it) {
-      if (it->first == camera) {
-        tables.splice(tables.begin(), tables, it);
-        return tables.front().second;
-      }
-    }
-  }
-  // Made outside the lock: two threads may make the same table, which costs time and nothing else.
-  cv::Mat table = make_table(camera);
-  const std::lock_guard lock(mutex);
-  tables.emplace_front(camera, table);
-  if (tables.size() > cached_tables) tables.pop_back();
-  return table;
+  static RecentlyMade<Camera, cv::Mat> tables(cached_tables);
+  return tables.get(camera, [&] { return make_table(camera); });
 }
 
 }  // namespace binrig

@@ -24,10 +24,11 @@
 // image: opposite borders are correlated over the correlation length. Whole frames move by hardly anything (vibration
 // does that).
 #include <filesystem>
-#include <list>
-#include <mutex>
+#include <memory>
+#include <string>
 
 #include "core/error.h"
+#include "core/recently_made.h"
 #include "core/spectrum.h"
 #include "sim/effect.h"
 
@@ -149,21 +150,8 @@ std::shared_ptr<const NoiseSynthesis> shared_synthesis(const EffectInstance& ins
   const bool rayleigh = option("magnitudes") != "fixed";
   const std::string key = synthesis_key(instance, file, context.camera, rayleigh);
 
-  static std::mutex mutex;
-  static std::list<std::pair<std::string, std::shared_ptr<const NoiseSynthesis>>> recent;
-  {
-    const std::lock_guard lock(mutex);
-    for (auto it = recent.begin(); it != recent.end(); ++it) {
-      if (it->first != key) continue;
-      recent.splice(recent.begin(), recent, it);
-      return recent.front().second;
-    }
-  }
-  auto synthesis = make_synthesis(instance, file, context.camera, rayleigh);
-  const std::lock_guard lock(mutex);
-  recent.emplace_front(key, synthesis);
-  if (recent.size() > 8) recent.pop_back();
-  return synthesis;
+  static RecentlyMade<std::string, std::shared_ptr<const NoiseSynthesis>> recent(8);
+  return recent.get(key, [&] { return make_synthesis(instance, file, context.camera, rayleigh); });
 }
 
 class SpectralNoiseRun : public Run {
