@@ -1,4 +1,5 @@
 // What becomes of depth: holes, noise, filters, and the way to storage.
+#include <climits>
 #include <cmath>
 #include <numbers>
 
@@ -109,6 +110,41 @@ Act vibration(const Values& p, const Stand&) {
     const double offset = a * dice.normal(), tilt_x = a * dice.normal(), tilt_y = a * dice.normal();
     shot.each([&](int v, int u) {
       shot.noise(v, u) += static_cast<float>(offset + tilt_x * shot.x(u) + tilt_y * shot.y(v));
+    });
+  };
+}
+
+/// Every pixel with what was measured at the point next to it, on the same surface: the noise, and a part of the depth.
+Act fronto_parallel_patches(const Values& p, const Stand& stand) {
+  const double pitch = p.at("pitch");
+  const int rows = static_cast<int>(stand.camera.height / pitch) + 2,
+            cols = static_cast<int>(stand.camera.width / pitch) + 2;
+  Dice dice = stand.capture_dice();
+  std::vector<cv::Point> points;  // one a square, row by row; in the image or not
+  for (int j = 0; j < rows; ++j)
+    for (int i = 0; i < cols; ++i) {
+      const double x = (i - dice.uniform()) * pitch, y = (j - dice.uniform()) * pitch;
+      points.emplace_back(static_cast<int>(std::floor(x)), static_cast<int>(std::floor(y)));
+    }
+  cv::Mat_<cv::Point> next(stand.camera.height, stand.camera.width);
+  for (int v = 0; v < next.rows; ++v)
+    for (int u = 0; u < next.cols; ++u) {
+      // A point of the 7 x 7 squares around; all points of these that lie in the image are candidates.
+      int least = INT_MAX;
+      const int row = static_cast<int>(v / pitch) + 1, col = static_cast<int>(u / pitch) + 1;
+      for (int j = std::max(0, row - 3); j <= std::min(rows - 1, row + 3); ++j)
+        for (int i = std::max(0, col - 3); i <= std::min(cols - 1, col + 3); ++i) {
+          const cv::Point at = points[j * cols + i], d = at - cv::Point(u, v);
+          if (d.dot(d) < least && cv::Rect({}, next.size()).contains(at)) least = d.dot(d), next(v, u) = at;
+        }
+    }
+  return [=, hold = p.at("hold"), slant = p.at("slant")](Shot& shot, Dice&) {
+    const cv::Mat_<float> z = shot.z.clone(), n = shot.noise.clone();
+    shot.each([&](int v, int u) {
+      const cv::Point at = next(v, u);
+      if (shot.hole(at) || cv::norm(at - cv::Point(u, v)) >= shot.seen->edge_px.at<float>(v, u)) return;
+      shot.z(v, u) += static_cast<float>(hold * (1 - slant) * (z(at) - z(v, u)));
+      shot.noise(v, u) += static_cast<float>(hold * (n(at) - n(v, u)));
     });
   };
 }
@@ -243,6 +279,7 @@ std::map<std::string, Injection> table() {
   t["column_noise"] = {Stage::noise, [](const Values& p, const Stand&) { return line_noise(p, false); }};
   t["noise_bumps"] = {Stage::noise, noise_bumps};
   t["vibration"] = {Stage::noise, vibration};
+  t["fronto_parallel_patches"] = {Stage::noise, fronto_parallel_patches};
 
   t["bilateral_blur"] = {Stage::spatial, bilateral_blur};
   t["smoothing"] = {Stage::spatial, smoothing};
