@@ -34,11 +34,21 @@ void robust_spread(const cv::Mat& residual, const cv::Mat& measured, const cv::M
   scale = std::max(scale, *far / 1.96);
 }
 
+/// The same depth wherever both have one, which is most of where one has: holes may come and go in a frame that is shown
+/// again.
 bool equal(const cv::Mat& a, const cv::Mat& b) {
   if (a.size() != b.size()) return false;
-  for (int v = 0; v < a.rows; ++v)
-    if (!std::equal(a.ptr<float>(v), a.ptr<float>(v) + a.cols, b.ptr<float>(v))) return false;
-  return true;
+  int both = 0, one = 0;
+  for (int v = 0; v < a.rows; ++v) {
+    const float *x = a.ptr<float>(v), *y = b.ptr<float>(v);
+    for (int u = 0; u < a.cols; ++u) {
+      const bool in_a = x[u] > 0, in_b = y[u] > 0;
+      if (in_a && in_b && x[u] != y[u]) return false;
+      both += in_a && in_b;
+      one += in_a || in_b;
+    }
+  }
+  return 2 * both >= one;
 }
 
 /// Neighbouring residuals differ by more than rounding to the storage step makes them: the sensor has noise.

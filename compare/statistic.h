@@ -91,7 +91,8 @@ class Statistic {
  public:
   virtual ~Statistic() = default;
   virtual void add(const ObservedFrame& observed) = 0;
-  /// Instead, for a frame that is its predecessor bit by bit though these have noise: it says nothing new of the scene.
+  /// Instead, for a frame that has its predecessor's depth bit by bit, wherever both have one, though these have noise:
+  /// it says nothing new of the scene.
   virtual void repeat() {}
   virtual RawStatistic finish() = 0;
 };

@@ -267,6 +267,16 @@ TEST(Statistics, TimeSeesFilteringRepeatsAndCourse) {
   EXPECT_NEAR(repeated.value[11], 6.0 / 11, 1e-6);
 }
 
+TEST(Statistics, AFrameThatRepeatsWithOtherHolesIsARepeat) {
+  // Drop-outs that come after the frame was held: without the repeats known, the noise of a capture of two frames is 0.
+  const auto statistics = statistics_of(2, [](int t, int row, int col, float z, const cv::Mat&) {
+    const bool hole = (row * 31 + col * 17 + t * 7) % 50 == 0;
+    return hole ? 0.f : z + 0.3f * static_cast<float>((row * 7 + col * 13) % 11 - 5);
+  });
+  EXPECT_EQ(of(statistics, "time").value[11], 1);
+  for (const float weight : of(statistics, "noise").weight) EXPECT_EQ(weight, 0);
+}
+
 TEST(Statistics, AFrameThatRepeatsSaysNothingNew) {
   // Six frames with noise, and the same with every second one shown twice.
   const auto noisy = [](int, int row, int col, float z, const cv::Mat& n) { return z + 0.3f * n.at<float>(row, col); };
