@@ -221,14 +221,15 @@ Explained Metric::explain(const Whitened& residual, const std::vector<double>& p
     for (int i = begin; i < end; ++i) result.chi += static_cast<double>(rest[i]) * rest[i];
   for (const Whitened& one : noise) {
     Whitened part = counted(one);
-    result.chi -= project(part, nullptr, nullptr);
+    result.noise += project(part, nullptr, nullptr);
     compress(part);  // like what it is in; else simulations that scatter wildly would explain anything
     for (const auto& [begin, end] : spans_)
       for (int i = begin; i < end; ++i) {
         const double p = compression_slope(rest[i]) * part[i];
-        result.chi -= p * p;
+        result.noise += p * p;
       }
   }
+  result.chi -= result.noise;
   return result;
 }
 

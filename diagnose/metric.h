@@ -30,7 +30,8 @@ struct Stated {
 /// A residual with the nuisances at their most probable values.
 struct Explained {
   Whitened rest;   ///< what they leave, compressed; zero in captures that do not count
-  double chi = 0;  ///< square of the rest, plus the prior's part
+  double chi = 0;  ///< square of the rest, plus the prior's part, less that of the noise
+  double noise = 0;  ///< what was taken off for it
   Stated stated;
   double shared_prior = 0;     ///< sum of squares of the stated ones that all captures share
   std::vector<double> values;  ///< of the nuisances, in the order of the rows, from the prior's centre

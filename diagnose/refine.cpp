@@ -36,13 +36,14 @@ Remainder remainder_of(const Refiner& refiner, const SensorModel& model, const s
   Whitened difference = most_frames == 0 ? rung.data : rung.standard.linear(measured.at(most_frames, false));
   for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= simulated.mean[i];
   Explained train = rung.train.explain(difference, place, {}, simulated.noise);
-  if (part == Part::train) return {std::move(simulated.mean), train.chi, 0, std::move(train.values)};
+  const double scatter = seeds * train.noise;
+  if (part == Part::train) return {std::move(simulated.mean), train.chi, 0, scatter, std::move(train.values)};
   const Explained test = rung.test.explain(difference, place, train.global, simulated.noise);
   // A target is in train or in test, and 0 in the other; what all captures share was found on train.
   for (std::size_t r = 0; r < train.values.size(); ++r)
     if (train.values[r] == 0) train.values[r] = test.values[r];
   // Intrinsics that the captures held out want far from where they are said to be count there, too.
-  return {std::move(simulated.mean), train.chi, test.chi + test.shared_prior, std::move(train.values)};
+  return {std::move(simulated.mean), train.chi, test.chi + test.shared_prior, scatter, std::move(train.values)};
 }
 
 namespace {

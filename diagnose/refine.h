@@ -30,6 +30,7 @@ Refiner on_train(Refiner refiner);
 struct Remainder {
   Whitened mean;
   double train = 0, test = 0;  ///< chi
+  double scatter = 0;          ///< of the model's recordings of train about their mean, in the same unit
   std::vector<double> values;  ///< of the nuisances, in prior sigmas from nominal
 };
 /// `offsets`, `place`: where the targets stand (Metric::explain). Throws what simulating throws.

@@ -283,8 +283,10 @@ class Search {
     const int h = refined.hypothesis;
     refined.train_gain = (base.train - with.train + unit_maps_.gain(h).train) / rung_.dispersion;
     refined.test_gain = (base.test - with.test + unit_maps_.gain(h).test) / rung_.dispersion;
-    const double excess = base.train * (1 - 1 / rung_.dispersion);
-    if (excess > 0) refined.share = refined.train_gain * rung_.dispersion / excess;
+    // Where it draws something large anew in each recording, much of what is left may be this recording's draw.
+    const double gain = refined.train_gain * rung_.dispersion;
+    const double excess = base.train * (1 - 1 / rung_.dispersion) - std::max(0.0, with.scatter - base.scatter);
+    if (excess > std::max(0.0, gain)) refined.share = gain / excess;
     refined.change = with.mean;
     for (std::size_t i = 0; i < refined.change.size(); ++i) refined.change[i] -= base.mean[i];
     compress(refined.change);

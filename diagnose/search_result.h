@@ -19,7 +19,9 @@ struct Refined {
   double linear_gain = 0, price = 0;     ///< of chi, dispersion divided out: gain of the signatures, a null's mean gain
   double gate = 0;                       ///< what gain less price has to exceed
   double train_gain = 0, test_gain = 0;  ///< of chi, by simulation, dispersion divided out
-  double share = 1;                      ///< of the excess over the model's own randomness on train that train_gain is
+  /// Of the excess on train over the model's own randomness, or over that with the hypothesis if it has more, that
+  /// train_gain is.
+  double share = 1;
   PValue p;
   bool happens_or_not = false;  ///< to whole frames, as chance has it
   bool random_map = true;       ///< false: it draws a map of the unit, but what is fixed in the image looks like none

@@ -167,7 +167,7 @@ ClearRemainders clear_remainders(const Refiner& refiner, const SensorModel& mode
     for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= change[i];
     Explained train = rung.train.explain(difference, rung.place);
     const Explained test = rung.test.explain(difference, rung.place, train.global);
-    return Remainder{std::move(change), train.chi, test.chi + test.shared_prior, std::move(train.values)};
+    return Remainder{std::move(change), train.chi, test.chi + test.shared_prior, 0, std::move(train.values)};
   };
   const StatVector change =
       shrunk_change(layout, rung.standard.spread(), simulated(model), simulated(rung.model), map_share);

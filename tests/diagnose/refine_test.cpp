@@ -1,8 +1,9 @@
-// Where a hypothesis has a period: the right one among those that maps of cells take for each other.
+// A hypothesis on top of a rung: the right one of its periods, and what it draws anew in each recording.
 #include "diagnose/refine.h"
 
 #include <gtest/gtest.h>
 
+#include "diagnose/search.h"
 #include "tests/diagnose/simulated_case.h"
 
 namespace binrig {
@@ -34,6 +35,46 @@ TEST(LookCloseBy, APeriodIsNotTakenForItsAliasInMapsOfCells) {
     EXPECT_NEAR(width / found.values.at("period"), width / period, 1) << period;
     EXPECT_EQ(found.hypothesis, h);
   }
+}
+
+TEST(Remainder, KnowsHowFarAModelsOwnRecordingsScatter) {
+  // Patches wider than a cell of the bias maps put a map of chance into each capture of a tilted target.
+  const Case c(noise_alone(0.3), noise_alone(0.3));
+  const Rung rung = c.fitted({.simulations = 12, .passes = 1});
+  Refiner refiner{c.experiment, c.motions, rung, c.measured};
+  refiner.seeds = 4;
+  const auto remainder = [&](double hold) {
+    SensorModel model = rung.model;
+    add_effect(model, effect_catalogue(), "fronto_parallel_patches", {{"hold", hold}, {"slant", 0.2}, {"pitch", 8}});
+    return remainder_of(refiner, model, rung.offsets, rung.place);
+  };
+  const Remainder none = remainder(0), some = remainder(0.3), more = remainder(0.6);
+  // The recording is one of the model's: it is as far from their mean as they are. Compressed, a normal value's square
+  // is a little less than 1, and the practical floors take their part of both.
+  EXPECT_NEAR(none.scatter, none.train, 0.1 * none.train);
+  EXPECT_GT(some.scatter, 1.5 * none.scatter);
+  EXPECT_GT(more.scatter, some.scatter);
+}
+
+TEST(Search, WhatARecordingsOwnDrawLeavesIsNotHeldAgainstAHypothesis) {
+  // Most of what is left is the draw, and no other one explains it: of that the right effect explains next to nothing.
+  const SensorModel start = noise_alone(0.3);
+  const Case c(model_with("fronto_parallel_patches", {{"hold", 0.5}, {"slant", 0.2}, {"pitch", 8}}), start);
+  const Rung rung = c.fitted({.simulations = 12, .passes = 1});
+  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), start);
+  std::erase_if(hypotheses.tested, [](const Hypothesis& h) { return h.effect != "fronto_parallel_patches"; });
+  ASSERT_EQ(hypotheses.tested.size(), 1);
+  SignatureBook book(c.experiment, start, hypotheses, {});
+  book.look_at({0}, false);
+  const SearchOptions options;
+  const SearchResult found = search(
+      c.experiment, c.motions, rung, c.measured, hypotheses, book.signatures(), {},
+      [&] {
+        return Beginning{start, book.signatures(), book.simulations()};
+      },
+      options);
+  ASSERT_FALSE(found.refined.empty());
+  EXPECT_FALSE(found.accepted(options).empty());
 }
 
 }  // namespace
