@@ -38,7 +38,7 @@ json effect_json(const EffectDeclaration& effect) {
                 {"amplitude", effect.amplitude},
                 {"stronger_is_larger", effect.stronger_is_larger},
                 {"needs", effect.needs.words()},
-                {"realisation", effect.per_unit_map ? "map" : "draw"},
+                {"realisation", effect.per_unit_map ? "map" : effect.per_capture_map ? "map of a capture" : "draw"},
                 {"may_clear", effect.may_clear},
                 {"revealed_by", effect.revealed_by}};
   if (effect.reason) entry["reason"] = reason_name(*effect.reason);

@@ -300,6 +300,7 @@ std::string section(const EffectDeclaration& effect, const Limits& limits) {
   if (const auto needs = effect.needs.words(); !needs.empty())
     text += fmt::format("- Needs: {}.\n", fmt::join(needs, ", "));
   if (effect.per_unit_map) text += "- Draws a map that belongs to the unit (`unit_seed`).\n";
+  if (effect.per_capture_map) text += "- Draws a map in each capture, which stays through it.\n";
   if (effect.may_clear) text += "- May make an invalid pixel valid again.\n";
   text += fmt::format("- Source: {}.\n", effect.citation);
   if (!effect.deviation.empty()) text += fmt::format("- We deviate: {}.\n", effect.deviation);

@@ -73,6 +73,7 @@ struct EffectDeclaration {
   bool stronger_is_larger = true;
   Needs needs;
   bool per_unit_map = false;  ///< `realisation: map`: draws a map that belongs to the unit
+  bool per_capture_map = false;  ///< draws a map of depth errors anew in each capture, which stays through it
   bool may_clear = false;     ///< may turn an invalid pixel into a valid one
   bool user_defined = false;  ///< stage and parameters come from the model file (formula)
   std::string revealed_by;    ///< the capture that shows it best

@@ -10,6 +10,7 @@
 
 #include "compare/probability.h"
 #include "core/parallel.h"
+#include "diagnose/map_rings.h"
 #include "diagnose/trace.h"
 
 namespace binrig {
@@ -33,45 +34,9 @@ double kurtosis_of(const std::vector<double>& map) {
   return square > 0 ? fourth * static_cast<double>(map.size()) / (square * square) : 3;
 }
 
-/// Ring of a cosine; -1 for the constant. The first ring goes to where each side has four cosines.
-int ring_of(int row, int col, int rows, int cols) {
-  if (row == 0 && col == 0) return -1;
-  const double frequency = std::hypot(static_cast<double>(row) / rows, static_cast<double>(col) / cols);
-  const double first = 3.5 / std::max(rows, cols);
-  constexpr double ratio = 1.4;
-  const int last = static_cast<int>(std::log(0.9 / first) / std::log(ratio));  // the corners go with it
-  return frequency < first ? 0 : std::min(last, 1 + static_cast<int>(std::log(frequency / first) / std::log(ratio)));
-}
-
-std::vector<double> modes_of(int rows, int cols) {
-  std::vector<double> modes;
-  for (int i = 1; i < rows * cols; ++i) {
-    const std::size_t ring = ring_of(i / cols, i % cols, rows, cols);
-    if (ring >= modes.size()) modes.resize(ring + 1, 0);
-    modes[ring] += 1;
-  }
-  return modes;
-}
-
-/// Orthonormal cosines, row by row.
-Eigen::MatrixXd cosines(int n) {
-  Eigen::MatrixXd m(n, n);
-  for (int k = 0; k < n; ++k)
-    for (int i = 0; i < n; ++i)
-      m(k, i) = std::sqrt((k == 0 ? 1.0 : 2.0) / n) * std::cos(std::numbers::pi * k * (i + 0.5) / n);
-  return m;
-}
-
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-RowMajor transform(const std::vector<double>& map, int cols) {
-  const int rows = static_cast<int>(map.size()) / cols;
-  return cosines(rows) * Eigen::Map<const RowMajor>(map.data(), rows, cols) * cosines(cols).transpose();
-}
-
 UnitMap::Spectrum spectrum_of(const std::vector<double>& map, int cols) {
   const int rows = static_cast<int>(map.size()) / cols;
-  const RowMajor transformed = transform(map, cols);
+  const CosineTransform transformed = transform(map, cols);
   UnitMap::Spectrum spectrum;
   const auto modes = modes_of(rows, cols);
   spectrum.power.resize(modes.size(), 0);
@@ -110,7 +75,7 @@ UnitMap::Spectrum mean_spectrum(std::size_t count, const SpectrumOf& one) {
 /// Squares of the cosines that are constant along columns, or along rows, over what is expected of them in their rings:
 /// by how many standard deviations the larger sum is beyond its number. Bands stand out there, however weak they are.
 double band_excess(const std::vector<double>& map, int cols, const std::vector<double>& expected) {
-  const RowMajor transformed = transform(map, cols);
+  const CosineTransform transformed = transform(map, cols);
   const int rows = static_cast<int>(map.size()) / cols;
   double most = 0;
   for (const bool along_row : {true, false}) {
@@ -131,7 +96,7 @@ double band_excess(const std::vector<double>& map, int cols, const std::vector<d
 std::vector<double> power_beside_bands(const std::vector<double>& map, int cols) {
   constexpr double enough = 12;
   const int rows = static_cast<int>(map.size()) / cols;
-  const RowMajor transformed = transform(map, cols);
+  const CosineTransform transformed = transform(map, cols);
   std::vector<double> power(modes_of(rows, cols).size(), 0), count(power.size(), 0);
   for (int row = 1; row < rows; ++row)
     for (int col = 1; col < cols; ++col) {

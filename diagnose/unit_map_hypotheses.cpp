@@ -25,41 +25,89 @@ bool UnitMapHypotheses::shaped() {
   return *shaped_;
 }
 
+std::vector<StatVector> UnitMapHypotheses::simulate(const SensorModel& model) const {
+  return experiment_.simulate(UnitMap::trials_of(rung_, model, seed_), "simulating units");
+}
+
+std::vector<StatVector> UnitMapHypotheses::simulate_with(const Hypothesis& hypothesis,
+                                                         const std::map<std::string, double>& values) const {
+  return simulate(with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis.effect, values));
+}
+
 void UnitMapHypotheses::learn(std::vector<LinearGain>& linear) {
   std::vector<StatVector> without;
   double best = 0;
   for (const LinearGain& found : linear) best = std::max(best, found.gain);
-  for (int h = 0; h < static_cast<int>(hypotheses_.tested.size()); ++h) {
-    const Hypothesis& hypothesis = hypotheses_.tested[h];
-    if (!hypothesis.declaration->per_unit_map) continue;
-    const auto simulate = [&](const SensorModel& model) {
-      return experiment_.simulate(UnitMap::trials_of(rung_, model, seed_), "simulating units");
-    };
+  for (LinearGain& found : linear) {
+    const EffectDeclaration& effect = *hypotheses_.tested[found.hypothesis].declaration;
+    if (!effect.per_unit_map && !effect.per_capture_map) continue;
     if (without.empty()) without = simulate(rung_.model);
-    UnitMap map(
-        experiment_.layout(), rung_, without,
-        simulate(with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis.effect, linear[h].values)));
-    // A strength is solved for at every gain, so that another one gains no more. What is far behind has its turn when
-    // the best one is in the model.
-    const double gain = map.gain(rung_.rest, rung_.rest).train;
-    if (tracing())
-      fmt::print(stderr, "  {} has a map that gains {:.0f}, the best {:.0f}\n", hypothesis.effect, gain, best);
-    if (gain > std::max(worth_a_look, far_behind * best) && !map.has_bands(rung_.rest)) {
-      UnitMapFit fit = fit_unit_map(experiment_, rung_, hypothesis, linear[h].values, std::move(map), without, seed_);
-      linear[h].values = fit.values;
-      deviations_[h] = std::move(fit.deviation);
-      map = std::move(fit.map);
-    }
-    if (map.looks_random(rung_.rest) && (map.gain(rung_.rest, rung_.rest, "bias").train < worth_a_look || !shaped())) {
-      gains_[h] = map.gain(rung_.rest, rung_.rest);
-      linear[h].gain += gains_[h].train;
-    }
-    maps_.emplace(h, std::move(map));
+    if (effect.per_unit_map)
+      learn_map(found, without, best);
+    else
+      learn_draws(found, without);
   }
+}
+
+void UnitMapHypotheses::learn_map(LinearGain& linear, const std::vector<StatVector>& without, double best) {
+  const int h = linear.hypothesis;
+  const Hypothesis& hypothesis = hypotheses_.tested[h];
+  UnitMap map(experiment_.layout(), rung_, without, simulate_with(hypothesis, linear.values));
+  // A strength is solved for at every gain, so that another one gains no more. What is far behind has its turn when
+  // the best one is in the model.
+  const double gain = map.gain(rung_.rest, rung_.rest).train;
+  if (tracing())
+    fmt::print(stderr, "  {} has a map that gains {:.0f}, the best {:.0f}\n", hypothesis.effect, gain, best);
+  if (gain > std::max(worth_a_look, far_behind * best) && !map.has_bands(rung_.rest)) {
+    UnitMapFit fit = fit_unit_map(experiment_, rung_, hypothesis, linear.values, std::move(map), without, seed_);
+    linear.values = fit.values;
+    deviations_[h] = std::move(fit.deviation);
+    map = std::move(fit.map);
+  }
+  if (map.looks_random(rung_.rest) && (map.gain(rung_.rest, rung_.rest, "bias").train < worth_a_look || !shaped())) {
+    gains_[h] = map.gain(rung_.rest, rung_.rest);
+    linear.gain += gains_[h].train;
+  }
+  maps_.emplace(h, std::move(map));
+}
+
+void UnitMapHypotheses::learn_draws(LinearGain& linear, const std::vector<StatVector>& without) {
+  const Hypothesis& hypothesis = hypotheses_.tested[linear.hypothesis];
+  const ParameterSpec& amplitude = *hypothesis.declaration->parameter(hypothesis.declaration->amplitude);
+  const double medium = strength_value(*hypothesis.declaration, Strength::medium);
+  struct Tried {
+    std::map<std::string, double> values;
+    DrawnMap map;
+    DrawnMap::Gain gain;
+  };
+  std::optional<Tried> best;
+  // The linear view sees of it the little that all draws have in common, and says nothing of its parameters.
+  for (const StrengthPath& path : hypothesis.paths) {
+    auto values = path.atoms.front().values;
+    values[amplitude.name] = medium;
+    DrawnMap map(experiment_.layout(), rung_, without, simulate_with(hypothesis, values));
+    const DrawnMap::Gain gain = map.gain(rung_.rest, rung_.rest);
+    if (tracing())
+      fmt::print(stderr, "  {} draws maps that gain {:.0f}, on test {:.0f}, at {:.2f} of a medium one's power, {}\n",
+                 hypothesis.effect, gain.train, gain.test, gain.strength, gain.alike ? "alike" : "unlike");
+    const auto worth = [](const DrawnMap::Gain& g) { return std::pair(g.alike, g.train); };
+    if (!best || worth(gain) > worth(best->gain)) best = Tried{std::move(values), std::move(map), gain};
+    if (best->gain.train < worth_a_look) break;
+  }
+  const DrawnMap::Gain& gain = best->gain;
+  if (gain.alike && gain.train > worth_a_look && gain.test > 0) {
+    gains_[linear.hypothesis] = {gain.train, gain.test};
+    linear.gain += gain.train;
+    linear.values = best->values;
+    linear.values[amplitude.name] = std::clamp(medium * std::sqrt(gain.strength), amplitude.lower, amplitude.upper);
+  }
+  drawn_.emplace(linear.hypothesis, std::move(best->map));
 }
 
 void UnitMapHypotheses::add_gains(const Whitened& rest, std::vector<LinearGain>& gains) const {
   for (const auto& [h, map] : maps_) gains[h].gain += map.gain(rest, rest).train;
+  for (const auto& [h, map] : drawn_)
+    if (const DrawnMap::Gain gain = map.gain(rest, rest); gain.alike) gains[h].gain += gain.train;
 }
 
 UnitMap::Gain UnitMapHypotheses::gain(int h) const { return gains_.count(h) ? gains_.at(h) : UnitMap::Gain{}; }

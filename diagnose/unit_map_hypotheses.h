@@ -1,10 +1,12 @@
-// The hypotheses of a search that draw a map of the unit: learned, judged and fitted by what the map looks like.
+// The hypotheses of a search that draw a map of the unit: learned, judged and fitted by what the map looks like. And
+// those that draw one in each capture: learned and judged by what such maps look like.
 #pragma once
 
 #include <map>
 #include <optional>
 #include <vector>
 
+#include "diagnose/drawn_map.h"
 #include "diagnose/refine.h"
 #include "diagnose/unit_map.h"
 
@@ -17,13 +19,13 @@ class UnitMapHypotheses {
                     const Hypotheses& hypotheses, std::uint64_t seed);
 
   /// Simulates units with each of these hypotheses where the linear view puts it; where there is a map worth a look,
-  /// its parameters are written to `linear`. Gains of maps that look random are added to theirs. Throws what simulating
-  /// throws.
+  /// its parameters are written to `linear`. Gains of maps that look random are added to theirs, and so are those of
+  /// draws that look like what is left, with their strength. Throws what simulating throws.
   void learn(std::vector<LinearGain>& linear);
   /// What the maps gain of a residual in which nothing is missing, added to each one's gain. `rest`: of Rung::train.
   void add_gains(const Whitened& rest, std::vector<LinearGain>& gains) const;
 
-  /// Of hypothesis h on the data; nothing if it draws no map or none that looks random.
+  /// Of hypothesis h on the data; nothing if it draws no map or none that looks random, or like the data's.
   UnitMap::Gain gain(int h) const;
   /// False: it draws a map, but what is fixed in the image looks like none.
   bool looks_random(int h) const { return !maps_.count(h) || gains_.count(h); }
@@ -33,6 +35,12 @@ class UnitMapHypotheses {
   RefinedFit given_by_map(int h, const std::map<std::string, double>& values) const;
 
  private:
+  std::vector<StatVector> simulate(const SensorModel& model) const;
+  std::vector<StatVector> simulate_with(const Hypothesis& hypothesis,
+                                        const std::map<std::string, double>& values) const;
+  /// `without`: simulations of the rung's model; `best`: gain of the best hypothesis, whichever it is.
+  void learn_map(LinearGain& linear, const std::vector<StatVector>& without, double best);
+  void learn_draws(LinearGain& linear, const std::vector<StatVector>& without);
   bool shaped();
 
   const Experiment& experiment_;
@@ -40,9 +48,10 @@ class UnitMapHypotheses {
   const Measurement& measured_;
   const Hypotheses& hypotheses_;
   const std::uint64_t seed_;
-  std::optional<bool> shaped_;                               // the bias has a simple shape
-  std::map<int, UnitMap> maps_;                              // by hypothesis
-  std::map<int, UnitMap::Gain> gains_;                       // of those that look random
+  std::optional<bool> shaped_;   // the bias has a simple shape
+  std::map<int, UnitMap> maps_;  // by hypothesis
+  std::map<int, DrawnMap> drawn_;
+  std::map<int, UnitMap::Gain> gains_;                       // of those that look random, or like the data's
   std::map<int, std::map<std::string, double>> deviations_;  // of parameters that their maps gave
 };
 

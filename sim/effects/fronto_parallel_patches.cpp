@@ -91,6 +91,7 @@ const Effect& fronto_parallel_patches() {
        .reads = Channel::depth | Channel::edge_distance,
        .neighbourhood_px = 75,
        .amplitude = "hold",
+       .per_capture_map = true,
        .revealed_by = "planes at several tilts"},
       [](const EffectInstance& instance, const CaptureContext& context) {
         const auto hold = static_cast<float>(instance.value("hold")),

@@ -275,6 +275,9 @@ TEST_P(EveryEffect, DrawsAreKeyedAsDeclared) {
     return !same(apply_all(instance, busy(), context).back(), reference.back());
   };
   EXPECT_EQ(differs(other_unit), declaration().per_unit_map);
+  if (declaration().per_capture_map) {
+    EXPECT_TRUE(differs(other_seed));
+  }
   if (differs(other_seed)) {
     bool any = false;  // a single draw (repeat this frame or not) may come out alike
     for (const char* id : {"another", "a_third", "a_fourth", "a_fifth", "a_sixth", "a_seventh"}) {

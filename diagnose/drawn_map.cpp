@@ -1,0 +1,107 @@
+#include "diagnose/drawn_map.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/parallel.h"
+#include "diagnose/unit_map.h"
+
+namespace binrig {
+namespace {
+
+constexpr double most_of_one = 9;  // squares of a normal value: three standard deviations
+constexpr double unlike = 4;       // of a ring's power over what is expected
+
+RingSquares squares_of(const Whitened& rest, int offset, int cells, int cols) {
+  return squares_by_ring({rest.begin() + offset, rest.begin() + offset + cells}, cols);
+}
+
+double sum(const std::vector<double>& values, double most) {
+  double total = 0;
+  for (const double value : values) total += std::min(value, most);
+  return total;
+}
+
+}  // namespace
+
+DrawnMap::DrawnMap(const Layout& layout, const Rung& rung, const std::vector<StatVector>& without,
+                   const std::vector<StatVector>& with) {
+  std::vector<Whitened> draws = UnitMap::changes(rung, without, with);
+  for (Whitened& draw : draws) {  // nuisances take of it what they take of the measured one
+    Whitened seen = rung.train.apply(draw);
+    const Whitened on_test = rung.test.apply(draw);
+    for (std::size_t i = 0; i < seen.size(); ++i) seen[i] += on_test[i];
+    compress(seen);
+    draw = std::move(seen);
+  }
+  std::vector<Whitened> nulls(std::min<std::size_t>(rung.nulls.size(), 24));
+  parallel_for(static_cast<int>(nulls.size()), [&](int k) { nulls[k] = remains_of(rung, rung.nulls[k], {}).rest; });
+  for (const Block& block : layout.blocks) {
+    if (segments()[block.segment].name != "bias" || block.rows < 2) continue;
+    Capture capture{block.offset, block.size, block.cols, block.train, {}, {}};
+    const auto power = [&](const std::vector<Whitened>& of) {
+      std::vector<double> mean;
+      for (const Whitened& one : of) {
+        const RingSquares squares = squares_of(one, block.offset, block.size, block.cols);
+        mean.resize(squares.size(), 0);
+        for (std::size_t r = 0; r < squares.size(); ++r)
+          if (!squares[r].empty())
+            mean[r] += sum(squares[r], INFINITY) / static_cast<double>(squares[r].size() * of.size());
+      }
+      return mean;
+    };
+    capture.noise = power(nulls);
+    capture.drawn = power(draws);
+    if (!nulls.empty() && !draws.empty() && std::ranges::all_of(capture.noise, [](double p) { return p > 0; }))
+      captures_.push_back(std::move(capture));
+  }
+}
+
+double DrawnMap::gain_of(bool train, const std::vector<RingSquares>& squares, double strength) const {
+  double gain = 0;
+  for (std::size_t c = 0; c < captures_.size(); ++c) {
+    const Capture& capture = captures_[c];
+    if (capture.train != train) continue;
+    for (std::size_t r = 0; r < capture.noise.size(); ++r) {
+      const double noise = capture.noise[r], expected = noise + strength * capture.drawn[r];
+      gain += sum(squares[c][r], most_of_one * expected) * (1 / noise - 1 / expected) -
+              static_cast<double>(squares[c][r].size()) * std::log(expected / noise);
+    }
+  }
+  return gain;
+}
+
+bool DrawnMap::looks_alike(const std::vector<RingSquares>& squares, double strength) const {
+  constexpr double enough = 0.5;  // of the noise: what a ring must be expected to have more, to be judged
+  std::vector<double> seen, expected;
+  for (std::size_t c = 0; c < captures_.size(); ++c) {
+    const Capture& capture = captures_[c];
+    if (!capture.train) continue;
+    seen.resize(std::max(seen.size(), capture.noise.size()), 0);
+    expected.resize(seen.size(), 0);
+    for (std::size_t r = 0; r < capture.noise.size(); ++r) {
+      const double drawn = strength * capture.drawn[r], modes = static_cast<double>(squares[c][r].size());
+      if (drawn < enough * capture.noise[r]) continue;
+      seen[r] += sum(squares[c][r], INFINITY) - modes * capture.noise[r];
+      expected[r] += modes * drawn;
+    }
+  }
+  for (std::size_t r = 0; r < seen.size(); ++r)
+    if (expected[r] > 0 && seen[r] > unlike * expected[r]) return false;
+  return true;
+}
+
+DrawnMap::Gain DrawnMap::gain(const Whitened& train, const Whitened& test) const {
+  std::vector<RingSquares> squares;
+  for (const Capture& capture : captures_)
+    squares.push_back(squares_of(capture.train ? train : test, capture.offset, capture.cells, capture.cols));
+  Gain best;
+  for (double strength = 0.05; strength < 20; strength *= 1.2)
+    if (const double gain = gain_of(true, squares, strength); gain > best.train) best = {gain, 0, strength, false};
+  if (best.strength == 0) return best;
+  best.test = gain_of(false, squares, best.strength);
+  best.alike = looks_alike(squares, best.strength);
+  return best;
+}
+
+}  // namespace binrig

@@ -1,0 +1,59 @@
+// Maps that are drawn anew in each capture: found by where they show, how strong and how fine they are.
+#include "diagnose/drawn_map.h"
+
+#include <gtest/gtest.h>
+
+#include "diagnose/unit_map.h"
+#include "tests/diagnose/simulated_case.h"
+
+namespace binrig {
+namespace {
+
+const std::map<std::string, double> medium{{"hold", 0.316}, {"slant", 0.4}, {"pitch", 5}};
+
+/// The gain that draws of medium patches have of a recording, the rung's model being noise alone.
+DrawnMap::Gain gain_on(const SensorModel& truth) {
+  const Case c(truth, noise_alone(0.3));
+  const Rung rung = c.fitted({.simulations = 16, .passes = 1});
+  const auto simulate = [&](const SensorModel& model) {
+    return c.experiment.simulate(UnitMap::trials_of(rung, model, 77), "");
+  };
+  SensorModel with = rung.model;
+  add_effect(with, effect_catalogue(), "fronto_parallel_patches", medium);
+  return DrawnMap(c.experiment.layout(), rung, simulate(rung.model), simulate(with)).gain(rung.rest, rung.rest);
+}
+
+TEST(DrawnMap, FindsPatchesWithTheirStrength) {
+  for (const double factor : {0.6, 1.0, 1.8}) {
+    auto values = medium;
+    values["hold"] *= factor;
+    const DrawnMap::Gain gain = gain_on(model_with("fronto_parallel_patches", values));
+    EXPECT_TRUE(gain.alike) << factor;
+    EXPECT_GT(gain.train, 200) << factor;
+    EXPECT_GT(gain.test, 100) << factor;
+    // Of the power; four simulated draws and one measured, some hundred cosines in each ring of each tilted capture.
+    // And large residuals are squeezed, which takes more of the stronger.
+    EXPECT_NEAR(std::sqrt(gain.strength), factor, 0.25 * factor);
+  }
+}
+
+TEST(DrawnMap, ExplainsNoiseByNothing) {
+  const DrawnMap::Gain gain = gain_on(noise_alone(0.3));
+  EXPECT_LT(gain.train, 30);  // what a hypothesis has to gain before anybody looks at it
+}
+
+TEST(DrawnMap, IsNotTakenForWhatHasAShapeOfItsOwn) {
+  const std::map<std::string, std::map<std::string, double>> others{
+      {"radial_distortion", {{"amplitude", 0.15}}},
+      {"depth_scale", {{"scale", 0.004}}},
+      {"focal_error", {{"error", 0.02}}},
+      {"depth_warp", {{"xx_term", 0.006}}},
+  };
+  for (const auto& [effect, values] : others) {
+    const DrawnMap::Gain gain = gain_on(model_with(effect, values));
+    EXPECT_TRUE(!gain.alike || gain.train < 30) << effect << " " << gain.train;
+  }
+}
+
+}  // namespace
+}  // namespace binrig
