@@ -331,6 +331,16 @@ class Search {
     return result;
   }
 
+  /// The rung's model with a hypothesis where the linear view puts it, not fitted.
+  RefinedFit as_it_is(int h) const {
+    RefinedFit result;
+    result.fit.model = rung_.model;
+    result.id = add_effect(result.fit.model, experiment_.forward().catalogue(), hypotheses_.tested[h].effect,
+                           result_.linear[h].values)
+                    .id;
+    return result;
+  }
+
   /// A step of which nearly all recorded values are whole multiples is in the recording, whatever else is missing. One
   /// that is wider than the noise is a landscape of stairs in which, with targets where they nominally stand, the right
   /// step leaves as much as none.
@@ -362,6 +372,8 @@ class Search {
         judge(unit_maps_.given_by_map(h, result_.linear[h].values), h);
       } else if (happens_or_not(*hypothesis.declaration)) {
         judge(given_by_signatures(h), h);
+      } else if (unit_maps_.begins_with_draws(h)) {
+        judge(as_it_is(h), h);
       } else {
         if (!has_place(*hypothesis.declaration)) look_close_by(h);
         judge(refine(refiner_, hypothesis, result_.linear[h]), h);

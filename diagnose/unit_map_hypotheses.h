@@ -31,6 +31,9 @@ class UnitMapHypotheses {
   bool looks_random(int h) const { return !maps_.count(h) || gains_.count(h); }
   /// The map says what there is to know of its parameters.
   bool gives_parameters(int h) const { return deviations_.count(h); }
+  /// It draws a map in each capture, and what is left looks like such draws: on the scale of a model without them a fit
+  /// would walk to none, so that `linear` says where to begin with a model that has them.
+  bool begins_with_draws(int h) const { return drawn_.count(h) && gains_.count(h); }
   /// The rung's model with the effect as its map has it: `values` with the intervals of those fitted.
   RefinedFit given_by_map(int h, const std::map<std::string, double>& values) const;
 
