@@ -2,14 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
-#include "core/parallel.h"
 #include "diagnose/unit_map.h"
 
 namespace binrig {
 namespace {
 
-constexpr double most_of_one = 9;  // squares of a normal value: three standard deviations
+constexpr double most_of_one = 9;  // of what a cosine's square is expected to be: three standard deviations
 constexpr double unlike = 4;       // of a ring's power over what is expected
 
 RingSquares squares_of(const Whitened& rest, int offset, int cells, int cols) {
@@ -27,15 +27,8 @@ double sum(const std::vector<double>& values, double most) {
 DrawnMap::DrawnMap(const Layout& layout, const Rung& rung, const std::vector<StatVector>& without,
                    const std::vector<StatVector>& with) {
   std::vector<Whitened> draws = UnitMap::changes(rung, without, with);
-  for (Whitened& draw : draws) {  // nuisances take of it what they take of the measured one
-    Whitened seen = rung.train.apply(draw);
-    const Whitened on_test = rung.test.apply(draw);
-    for (std::size_t i = 0; i < seen.size(); ++i) seen[i] += on_test[i];
-    compress(seen);
-    draw = std::move(seen);
-  }
-  std::vector<Whitened> nulls(std::min<std::size_t>(rung.nulls.size(), 24));
-  parallel_for(static_cast<int>(nulls.size()), [&](int k) { nulls[k] = remains_of(rung, rung.nulls[k], {}).rest; });
+  for (Whitened& draw : draws) draw = left_of(rung.train, rung.test, draw);
+  const std::vector<Whitened> nulls = left_of_nulls(rung);
   for (const Block& block : layout.blocks) {
     if (segments()[block.segment].name != "bias" || block.rows < 2) continue;
     Capture capture{block.offset, block.size, block.cols, block.train, {}, {}};
@@ -46,7 +39,8 @@ DrawnMap::DrawnMap(const Layout& layout, const Rung& rung, const std::vector<Sta
         mean.resize(squares.size(), 0);
         for (std::size_t r = 0; r < squares.size(); ++r)
           if (!squares[r].empty())
-            mean[r] += sum(squares[r], INFINITY) / static_cast<double>(squares[r].size() * of.size());
+            mean[r] += sum(squares[r], std::numeric_limits<double>::infinity()) /
+                       static_cast<double>(squares[r].size() * of.size());
       }
       return mean;
     };
@@ -82,7 +76,7 @@ bool DrawnMap::looks_alike(const std::vector<RingSquares>& squares, double stren
     for (std::size_t r = 0; r < capture.noise.size(); ++r) {
       const double drawn = strength * capture.drawn[r], modes = static_cast<double>(squares[c][r].size());
       if (drawn < enough * capture.noise[r]) continue;
-      seen[r] += sum(squares[c][r], INFINITY) - modes * capture.noise[r];
+      seen[r] += sum(squares[c][r], std::numeric_limits<double>::infinity()) - modes * capture.noise[r];
       expected[r] += modes * drawn;
     }
   }

@@ -16,7 +16,7 @@
 #include "diagnose/spot.h"
 #include "diagnose/tone.h"
 #include "diagnose/trace.h"
-#include "diagnose/unit_map_hypotheses.h"
+#include "diagnose/map_hypotheses.h"
 
 namespace binrig {
 namespace {
@@ -50,7 +50,7 @@ class Search {
         refiner_{experiment, motions, rung, measured, options.seeds, options.seed, Part::all, frames_for(rung)},
         count_(static_cast<int>(hypotheses.tested.size())),
         ranking_(experiment, rung, hypotheses, signatures),
-        unit_maps_(experiment, rung, measured, hypotheses, options.seed + 80),
+        maps_(experiment, rung, measured, hypotheses, options.seed + 80),
         left_(rung.dispersion) {}
 
   SearchResult run() {
@@ -80,13 +80,13 @@ class Search {
   /// Gains of all hypotheses, on the data and on recordings in which nothing is missing.
   void hold_signatures_against_residual() {
     result_.linear = ranking_.gains(rung_.rest, rung_.nuisances);
-    unit_maps_.learn(result_.linear);
+    maps_.learn(result_.linear);
     result_.null_gains.resize(count_);
     for (const auto& null : rung_.nulls) {
       const Explained explained = rung_.train.explain(null);
       const Whitened& rest = explained.rest;
       auto gains = ranking_.gains(rest, explained.values);
-      unit_maps_.add_gains(rest, gains);
+      maps_.add_gains(rest, gains);
       if (const auto spot = spot_left(experiment_, rest)) null_spot_ = std::max(null_spot_, spot->stands_out);
       for (int h = 0; h < count_; ++h) result_.null_gains[h].push_back(gains[h].gain);
     }
@@ -154,7 +154,7 @@ class Search {
       for (auto& [gain, h] : list) {
         const double linear = gain;
         const auto simulated = [&] {
-          return nominal - remainder_of(trying, added(h), {}, {}).train + unit_maps_.gain(h).train;
+          return nominal - remainder_of(trying, added(h), {}, {}).train + maps_.gain(h).train;
         };
         gain = simulated();
         weaken(h, gain, linear, simulated);
@@ -239,7 +239,7 @@ class Search {
     const bool doubted = refined.linear_gain - refined.price < own_gate_[h];
     refined.gate = (doubted ? options_.beyond_doubt : 1) * own_gate_[h];
     refined.p = result_.p_values[h];
-    refined.random_map = unit_maps_.looks_random(h);
+    refined.random_map = maps_.looks_random(h);
     std::map<std::string, double> values;
     for (const auto& [name, value] : refined.model.find(refined.id)->values) values[name] = value.value;
     if (const ReadStep* step = hypotheses_.tested[h].seen_at(values)) {
@@ -251,7 +251,7 @@ class Search {
     }
     Refiner refiner = refiner_;
     refined.happens_or_not = happens_or_not(*hypotheses_.tested[h].declaration);
-    refined.held = unit_maps_.gives_parameters(h) || refined.happens_or_not;
+    refined.held = maps_.gives_parameters(h) || refined.happens_or_not;
     if (refined.happens_or_not) refiner.seeds *= 4;
     const Remainder with = registered_remainder(refiner, refined.model);
     Remainder base = base_;
@@ -281,8 +281,8 @@ class Search {
 
   void enter(Refined refined, const Remainder& base, const Remainder& with) {
     const int h = refined.hypothesis;
-    refined.train_gain = (base.train - with.train + unit_maps_.gain(h).train) / rung_.dispersion;
-    refined.test_gain = (base.test - with.test + unit_maps_.gain(h).test) / rung_.dispersion;
+    refined.train_gain = (base.train - with.train + maps_.gain(h).train) / rung_.dispersion;
+    refined.test_gain = (base.test - with.test + maps_.gain(h).test) / rung_.dispersion;
     // Where it draws something large anew in each recording, much of what is left may be this recording's draw.
     const double gain = refined.train_gain * rung_.dispersion;
     const double excess = base.train * (1 - 1 / rung_.dispersion) - std::max(0.0, with.scatter - base.scatter);
@@ -368,11 +368,11 @@ class Search {
                                              [](const ParameterSpec& spec) { return !spec.interpolate; });
       if (gain < (to_be_scanned ? 0.5 : 1) * options_.hopeless * most_explained) continue;
       const Hypothesis& hypothesis = hypotheses_.tested[h];
-      if (unit_maps_.gives_parameters(h)) {
-        judge(unit_maps_.given_by_map(h, result_.linear[h].values), h);
+      if (maps_.gives_parameters(h)) {
+        judge(maps_.given_by_map(h, result_.linear[h].values), h);
       } else if (happens_or_not(*hypothesis.declaration)) {
         judge(given_by_signatures(h), h);
-      } else if (unit_maps_.begins_with_draws(h)) {
+      } else if (maps_.begins_with_draws(h)) {
         judge(as_it_is(h), h);
       } else {
         if (!has_place(*hypothesis.declaration)) look_close_by(h);
@@ -457,7 +457,7 @@ class Search {
   const int count_;
   const Ranking ranking_;
   SearchResult result_;
-  UnitMapHypotheses unit_maps_;
+  MapHypotheses maps_;
   std::vector<double> own_gate_;
   double null_spot_ = 0;     // what stands out most in recordings in which nothing is missing
   std::vector<int> placed_;  // hypotheses whose place is known closely

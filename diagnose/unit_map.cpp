@@ -111,6 +111,20 @@ std::vector<double> power_beside_bands(const std::vector<double>& map, int cols)
 
 }  // namespace
 
+Whitened left_of(const Metric& train, const Metric& test, const Whitened& change) {
+  Whitened left = train.apply(change);
+  const Whitened on_test = test.apply(change);
+  for (std::size_t i = 0; i < left.size(); ++i) left[i] += on_test[i];
+  compress(left);
+  return left;
+}
+
+std::vector<Whitened> left_of_nulls(const Rung& rung) {
+  std::vector<Whitened> nulls(std::min<std::size_t>(rung.nulls.size(), 24));
+  parallel_for(static_cast<int>(nulls.size()), [&](int k) { nulls[k] = remains_of(rung, rung.nulls[k], {}).rest; });
+  return nulls;
+}
+
 std::vector<Trial> UnitMap::trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed, int frames) {
   std::vector<Trial> trials;
   for (int k = 0; k < units; ++k)
@@ -134,8 +148,7 @@ UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatV
     : spread_(rung.standard.spread()), train_(rung.train), test_(rung.test) {
   const std::vector<Whitened> change = changes(rung, without, with);
   units_ = static_cast<double>(change.size());
-  std::vector<Whitened> nulls(std::min<std::size_t>(rung.nulls.size(), 24));
-  parallel_for(static_cast<int>(nulls.size()), [&](int k) { nulls[k] = remains_of(rung, rung.nulls[k], {}).rest; });
+  const std::vector<Whitened> nulls = left_of_nulls(rung);
   for (std::size_t s = 0; s < binrig::segments().size(); ++s) {
     std::vector<const Block*> blocks;
     for (const Block& block : layout.blocks)
@@ -181,12 +194,8 @@ UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatV
 UnitMap::Spectrum UnitMap::spectrum_of_units(int s, const std::vector<Whitened>& change) const {
   const Segment& segment = segments_[s];
   return mean_spectrum(change.size(), [&](std::size_t k) {
-    Whitened seen = train_.apply(change[k]);  // nuisances take of it what they take of the measured one
-    const Whitened on_test = test_.apply(change[k]);
-    for (std::size_t i = 0; i < seen.size(); ++i) seen[i] += on_test[i];
-    compress(seen);
     double unused = 0;
-    return spectrum_of(map_of(segment, seen, unused), segment.cols);
+    return spectrum_of(map_of(segment, left_of(train_, test_, change[k]), unused), segment.cols);
   });
 }
 

@@ -12,6 +12,12 @@
 
 namespace binrig {
 
+/// What is left of a change (whitened, all captures) once nuisances have taken of it what they take of a measurement,
+/// compressed like the latter's.
+Whitened left_of(const Metric& train, const Metric& test, const Whitened& change);
+/// What is left of recordings in which nothing is missing (Rung::nulls, the first two dozen), all captures.
+std::vector<Whitened> left_of_nulls(const Rung& rung);
+
 /// What an unknown map, common to all captures, explains of a residual.
 ///
 /// Model: residual of cell i in capture c = l_c m_i + noise, m_i ~ N(0, a^2) independently. The loadings l_c are

@@ -1,12 +1,12 @@
 // Ray casting with Embree 3: one instance per object, one cached tree per mesh.
-#include <list>
-#include <mutex>
+#include <memory>
 
 #include <embree3/rtcore.h>
 #include <opencv2/core.hpp>
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "core/recently_made.h"
 #include "sim/shading.h"
 
 namespace binrig {
@@ -35,43 +35,30 @@ class Trees {
     static Trees trees;
     return trees;
   }
-  RTCDevice device() const { return device_; }
+  RTCDevice device() const { return device_.get(); }
 
   ScenePointer of(const Mesh& mesh) {
     const std::uint64_t key = mesh.content_hash != 0 ? mesh.content_hash : hash_of(mesh);
-    const std::lock_guard lock(mutex_);
-    for (auto it = cache_.begin(); it != cache_.end(); ++it) {
-      if (it->first == key) {
-        cache_.splice(cache_.begin(), cache_, it);
-        return it->second;
-      }
-    }
-    cache_.emplace_front(key, build(mesh));
-    if (cache_.size() > cached_meshes) cache_.pop_back();
-    return cache_.front().second;
+    return trees_.get(key, [&] { return build(mesh); });
   }
 
  private:
-  Trees() : device_(rtcNewDevice(nullptr)) {
+  Trees() : device_(rtcNewDevice(nullptr), rtcReleaseDevice) {
     if (!device_) fail(nullptr, "no device");
-  }
-  ~Trees() {
-    cache_.clear();
-    rtcReleaseDevice(device_);
   }
 
   ScenePointer build(const Mesh& mesh) {
-    ScenePointer scene = own(rtcNewScene(device_));
+    ScenePointer scene = own(rtcNewScene(device()));
     // Robust: no ray slips between two triangles that share an edge.
     rtcSetSceneFlags(scene.get(), RTC_SCENE_FLAG_ROBUST);
-    RTCGeometry geometry = rtcNewGeometry(device_, RTC_GEOMETRY_TYPE_TRIANGLE);
+    RTCGeometry geometry = rtcNewGeometry(device(), RTC_GEOMETRY_TYPE_TRIANGLE);
     auto* vertices = static_cast<Eigen::Vector3f*>(rtcSetNewGeometryBuffer(
         geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, sizeof(Eigen::Vector3f), mesh.vertices.size()));
     auto* triangles = static_cast<std::array<std::uint32_t, 3>*>(rtcSetNewGeometryBuffer(
         geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, sizeof mesh.triangles[0], mesh.triangles.size()));
     if (!vertices || !triangles) {
       rtcReleaseGeometry(geometry);
-      fail(device_, "no memory for " + mesh.name);
+      fail(device(), "no memory for " + mesh.name);
     }
     std::copy(mesh.vertices.begin(), mesh.vertices.end(), vertices);
     std::copy(mesh.triangles.begin(), mesh.triangles.end(), triangles);
@@ -82,9 +69,8 @@ class Trees {
     return scene;
   }
 
-  RTCDevice device_;
-  std::mutex mutex_;
-  std::list<std::pair<std::uint64_t, ScenePointer>> cache_;  // used last comes first
+  const std::unique_ptr<std::remove_pointer_t<RTCDevice>, decltype(&rtcReleaseDevice)> device_;  // outlives the trees
+  RecentlyMade<std::uint64_t, ScenePointer> trees_{cached_meshes};
 };
 
 // Calls body(first row, first column) for every tile of a rows x cols image, in parallel.

@@ -19,17 +19,17 @@ namespace {
 
 constexpr std::size_t kept_bytes = 96 << 20;  // 78 maps of 640 x 480
 
-struct UnitMap {
+struct Drawn {
   cv::Mat map;
   double gain = 1;  ///< with which the map's expected variance is 1, whatever this draw's is
 };
 
-UnitMap draw_map(const CaptureContext& context, double length) {
+Drawn draw_map(const CaptureContext& context, double length) {
   // Drawn with a margin: a filter that stops at the border would make the map stronger there.
   const int margin = static_cast<int>(std::ceil(3 * length)) + 1;
   cv::Mat wide(context.camera.height + 2 * margin, context.camera.width + 2 * margin, CV_32F);
   context.unit_draws().fill_normal(wide);
-  UnitMap unit;
+  Drawn unit;
   if (length > 0) {
     const cv::Mat kernel = cv::getGaussianKernel(2 * margin - 1, length, CV_32F);
     cv::sepFilter2D(wide, wide, CV_32F, kernel, kernel);
@@ -40,10 +40,10 @@ UnitMap draw_map(const CaptureContext& context, double length) {
 }
 
 /// It costs more than all else in a frame, and each capture of a unit has the same one.
-UnitMap shared_map(const CaptureContext& context, double length) {
+Drawn shared_map(const CaptureContext& context, double length) {
   using Key = std::tuple<std::uint64_t, std::string, int, int, double>;
-  static RecentlyMade<Key, UnitMap> recent(kept_bytes,
-                                           [](const UnitMap& unit) { return unit.map.total() * unit.map.elemSize(); });
+  static RecentlyMade<Key, Drawn> recent(kept_bytes,
+                                         [](const Drawn& unit) { return unit.map.total() * unit.map.elemSize(); });
   return recent.get({context.unit_seed, context.instance, context.camera.height, context.camera.width, length},
                     [&] { return draw_map(context, length); });
 }
@@ -82,7 +82,7 @@ const Effect& fixed_pattern_noise() {
        .per_unit_map = true,
        .revealed_by = "repeated frames of planes at several places: what is common to all of them"},
       [](const EffectInstance& instance, const CaptureContext& context) {
-        const UnitMap unit = shared_map(context, instance.value("correlation_length"));
+        const Drawn unit = shared_map(context, instance.value("correlation_length"));
         const cv::Mat map = unit.map * (instance.value("amplitude") * unit.gain);
         return stateless([=](Layers& layers, const Channels&, const FrameInstant&) {
           map_depth(layers,

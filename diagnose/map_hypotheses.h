@@ -13,10 +13,10 @@
 namespace binrig {
 
 /// All of the constructor's arguments must outlive it.
-class UnitMapHypotheses {
+class MapHypotheses {
  public:
-  UnitMapHypotheses(const Experiment& experiment, const Rung& rung, const Measurement& measured,
-                    const Hypotheses& hypotheses, std::uint64_t seed);
+  MapHypotheses(const Experiment& experiment, const Rung& rung, const Measurement& measured,
+                const Hypotheses& hypotheses, std::uint64_t seed);
 
   /// Simulates units with each of these hypotheses where the linear view puts it; where there is a map worth a look,
   /// its parameters are written to `linear`. Gains of maps that look random are added to theirs, and so are those of
@@ -51,9 +51,9 @@ class UnitMapHypotheses {
   const Measurement& measured_;
   const Hypotheses& hypotheses_;
   const std::uint64_t seed_;
-  std::optional<bool> shaped_;   // the bias has a simple shape
-  std::map<int, UnitMap> maps_;  // by hypothesis
-  std::map<int, DrawnMap> drawn_;
+  std::optional<bool> shaped_;                               // the bias has a simple shape
+  std::map<int, UnitMap> maps_;                              // by hypothesis
+  std::map<int, DrawnMap> drawn_;                            // the same
   std::map<int, UnitMap::Gain> gains_;                       // of those that look random, or like the data's
   std::map<int, std::map<std::string, double>> deviations_;  // of parameters that their maps gave
 };

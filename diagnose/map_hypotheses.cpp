@@ -1,4 +1,4 @@
-#include "diagnose/unit_map_hypotheses.h"
+#include "diagnose/map_hypotheses.h"
 
 #include <algorithm>
 #include <cmath>
@@ -16,25 +16,25 @@ constexpr double far_behind = 0.05;  // share of what the best hypothesis gains
 
 }  // namespace
 
-UnitMapHypotheses::UnitMapHypotheses(const Experiment& experiment, const Rung& rung, const Measurement& measured,
-                                     const Hypotheses& hypotheses, std::uint64_t seed)
+MapHypotheses::MapHypotheses(const Experiment& experiment, const Rung& rung, const Measurement& measured,
+                             const Hypotheses& hypotheses, std::uint64_t seed)
     : experiment_(experiment), rung_(rung), measured_(measured), hypotheses_(hypotheses), seed_(seed) {}
 
-bool UnitMapHypotheses::shaped() {
+bool MapHypotheses::shaped() {
   if (!shaped_) shaped_ = has_simple_shape(experiment_, rung_, measured_.all);
   return *shaped_;
 }
 
-std::vector<StatVector> UnitMapHypotheses::simulate(const SensorModel& model) const {
+std::vector<StatVector> MapHypotheses::simulate(const SensorModel& model) const {
   return experiment_.simulate(UnitMap::trials_of(rung_, model, seed_), "simulating units");
 }
 
-std::vector<StatVector> UnitMapHypotheses::simulate_with(const Hypothesis& hypothesis,
-                                                         const std::map<std::string, double>& values) const {
+std::vector<StatVector> MapHypotheses::simulate_with(const Hypothesis& hypothesis,
+                                                     const std::map<std::string, double>& values) const {
   return simulate(with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis.effect, values));
 }
 
-void UnitMapHypotheses::learn(std::vector<LinearGain>& linear) {
+void MapHypotheses::learn(std::vector<LinearGain>& linear) {
   std::vector<StatVector> without;
   double best = 0;
   for (const LinearGain& found : linear) best = std::max(best, found.gain);
@@ -49,7 +49,7 @@ void UnitMapHypotheses::learn(std::vector<LinearGain>& linear) {
   }
 }
 
-void UnitMapHypotheses::learn_map(LinearGain& linear, const std::vector<StatVector>& without, double best) {
+void MapHypotheses::learn_map(LinearGain& linear, const std::vector<StatVector>& without, double best) {
   const int h = linear.hypothesis;
   const Hypothesis& hypothesis = hypotheses_.tested[h];
   UnitMap map(experiment_.layout(), rung_, without, simulate_with(hypothesis, linear.values));
@@ -71,7 +71,7 @@ void UnitMapHypotheses::learn_map(LinearGain& linear, const std::vector<StatVect
   maps_.emplace(h, std::move(map));
 }
 
-void UnitMapHypotheses::learn_draws(LinearGain& linear, const std::vector<StatVector>& without) {
+void MapHypotheses::learn_draws(LinearGain& linear, const std::vector<StatVector>& without) {
   const Hypothesis& hypothesis = hypotheses_.tested[linear.hypothesis];
   const ParameterSpec& amplitude = *hypothesis.declaration->parameter(hypothesis.declaration->amplitude);
   const double medium = strength_value(*hypothesis.declaration, Strength::medium);
@@ -104,15 +104,15 @@ void UnitMapHypotheses::learn_draws(LinearGain& linear, const std::vector<StatVe
   drawn_.emplace(linear.hypothesis, std::move(best->map));
 }
 
-void UnitMapHypotheses::add_gains(const Whitened& rest, std::vector<LinearGain>& gains) const {
+void MapHypotheses::add_gains(const Whitened& rest, std::vector<LinearGain>& gains) const {
   for (const auto& [h, map] : maps_) gains[h].gain += map.gain(rest, rest).train;
   for (const auto& [h, map] : drawn_)
     if (const DrawnMap::Gain gain = map.gain(rest, rest); gain.alike) gains[h].gain += gain.train;
 }
 
-UnitMap::Gain UnitMapHypotheses::gain(int h) const { return gains_.count(h) ? gains_.at(h) : UnitMap::Gain{}; }
+UnitMap::Gain MapHypotheses::gain(int h) const { return gains_.count(h) ? gains_.at(h) : UnitMap::Gain{}; }
 
-RefinedFit UnitMapHypotheses::given_by_map(int h, const std::map<std::string, double>& values) const {
+RefinedFit MapHypotheses::given_by_map(int h, const std::map<std::string, double>& values) const {
   RefinedFit result;
   result.fit.model = rung_.model;
   const Hypothesis& hypothesis = hypotheses_.tested[h];
