@@ -67,11 +67,10 @@ Act lateral_noise(const Values& p, const Stand&) {
   };
 }
 
-Act fixed_pattern(const Values& p, const Stand& stand) {
-  // White noise through a Gaussian, on a field so much larger that its borders do not show.
+/// White noise through a Gaussian, on a field so much larger that its borders do not show.
+Act bumps(const Values& p, const Stand& stand, Dice dice) {
   const double length = p.at("correlation_length");
   const int margin = static_cast<int>(3 * length) + 1;
-  Dice dice = stand.unit_dice();
   cv::Mat_<float> field(stand.camera.height + 2 * margin, stand.camera.width + 2 * margin);
   for (float& value : field) value = static_cast<float>(dice.normal());
   cv::GaussianBlur(field, field, {}, length);
@@ -129,7 +128,10 @@ std::map<std::string, Injection> table() {
         std::isinf(shot.since_power_on_s) ? 0 : std::exp(-shot.since_power_on_s / p.at("time_constant"));
     return s.focal_baseline / (s.focal_baseline / z + p.at("amplitude") * warmth);
   });
-  t["fixed_pattern_noise"] = {Stage::geometry, fixed_pattern};
+  t["fixed_pattern_noise"] = {Stage::geometry,
+                              [](const Values& p, const Stand& s) { return bumps(p, s, s.unit_dice()); }};
+  t["speckle_noise"] = {Stage::geometry,
+                        [](const Values& p, const Stand& s) { return bumps(p, s, s.capture_dice()); }};
 
   t["edge_fattening"] = {Stage::matching, [](const Values& p, const Stand&) -> Act {
                            return [half = static_cast<int>(p.at("half_window"))](Shot& shot, Dice&) {

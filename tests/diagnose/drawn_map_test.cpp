@@ -9,17 +9,20 @@
 namespace binrig {
 namespace {
 
-const std::map<std::string, double> medium{{"hold", 0.316}, {"slant", 0.4}, {"pitch", 5}};
+using Values = std::map<std::string, double>;
 
-/// The gain that draws of medium patches have of a recording, the rung's model being noise alone.
-DrawnMap::Gain gain_on(const SensorModel& truth) {
+const Values medium{{"hold", 0.316}, {"slant", 0.4}, {"pitch", 5}};
+
+/// The gain that draws of an effect (medium patches) have of a recording, the rung's model being noise alone.
+DrawnMap::Gain gain_on(const SensorModel& truth, const char* effect = "fronto_parallel_patches",
+                       const Values& values = medium) {
   const Case c(truth, noise_alone(0.3));
   const Rung rung = c.fitted({.simulations = 16, .passes = 1});
   const auto simulate = [&](const SensorModel& model) {
     return c.experiment.simulate(UnitMap::trials_of(rung, model, 77), "");
   };
   SensorModel with = rung.model;
-  add_effect(with, effect_catalogue(), "fronto_parallel_patches", medium);
+  add_effect(with, effect_catalogue(), effect, values);
   return DrawnMap(c.experiment.layout(), rung, simulate(rung.model), simulate(with)).gain(rung.rest, rung.rest);
 }
 
@@ -37,13 +40,34 @@ TEST(DrawnMap, FindsPatchesWithTheirStrength) {
   }
 }
 
+TEST(DrawnMap, FindsSpeckleWithItsStrength) {
+  const Values one{{"amplitude", 0.1}, {"correlation_length", 3}};
+  for (const double factor : {0.6, 1.0, 1.8}) {
+    Values values = one;
+    values["amplitude"] *= factor;
+    const DrawnMap::Gain gain = gain_on(model_with("speckle_noise", values), "speckle_noise", one);
+    EXPECT_TRUE(gain.alike) << factor;
+    EXPECT_GT(gain.test, 100) << factor;
+    EXPECT_NEAR(std::sqrt(gain.strength), factor, 0.25 * factor);
+  }
+}
+
+TEST(DrawnMap, TellsSpeckleFromPatches) {
+  // One shows on every plane, the other where it is tilted: neither has the other's strength in each capture.
+  const Values speckle{{"amplitude", 0.1}, {"correlation_length", 3}};
+  const SensorModel with_speckle = model_with("speckle_noise", speckle),
+                    with_patches = model_with("fronto_parallel_patches", medium);
+  EXPECT_GT(gain_on(with_speckle, "speckle_noise", speckle).train, 2 * gain_on(with_speckle).train);
+  EXPECT_GT(gain_on(with_patches).train, 2 * gain_on(with_patches, "speckle_noise", speckle).train);
+}
+
 TEST(DrawnMap, ExplainsNoiseByNothing) {
   const DrawnMap::Gain gain = gain_on(noise_alone(0.3));
   EXPECT_LT(gain.train, 30);  // what a hypothesis has to gain before anybody looks at it
 }
 
 TEST(DrawnMap, IsNotTakenForWhatHasAShapeOfItsOwn) {
-  const std::map<std::string, std::map<std::string, double>> others{
+  const std::map<std::string, Values> others{
       {"radial_distortion", {{"amplitude", 0.15}}},
       {"depth_scale", {{"scale", 0.004}}},
       {"focal_error", {{"error", 0.02}}},

@@ -51,7 +51,8 @@ TEST(HiddenData, AgreeWithTheCatalogueInEverySegment) {
   for (const char* effect :
        {"radial_distortion", "pixel_locking", "edge_fattening", "lateral_noise", "low_confidence", "second_shadow",
         "low_signal_noise", "heavy_tails", "noise_bumps", "vibration", "smoothing", "hole_filling",
-        "disparity_quantisation", "temporal_filter", "border_band", "dust", "depth_units", "fronto_parallel_patches"}) {
+        "disparity_quantisation", "temporal_filter", "border_band", "dust", "depth_units", "fronto_parallel_patches",
+        "speckle_noise"}) {
     const auto truth = hidden::make_truth(world().forward(), {"one", {effect}, Strength::strong, 3});
     for (const auto& [segment, square] : hidden::disagreement(world().forward(), truth, world().cache, 8))
       EXPECT_LT(square, 2) << effect << ", " << segment;
