@@ -36,6 +36,14 @@ std::unique_ptr<Run> stateless(std::function<void(Layers&, const Channels&, cons
   return std::make_unique<StatelessRun>(std::move(apply));
 }
 
+std::unique_ptr<Run> adding(const cv::Mat& error_mm) {
+  return stateless([error_mm](Layers& layers, const Channels&, const FrameInstant&) {
+    map_depth(layers, [&](int row) {
+      return [error = error_mm.ptr<float>(row)](float z, int col) { return z + error[col]; };
+    });
+  });
+}
+
 void for_rows(cv::Size size, const std::function<void(int, int)>& body) {
   // Below this many pixels a thread costs more than it saves.
   constexpr int pixels_per_block = 100'000;

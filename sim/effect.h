@@ -120,6 +120,8 @@ struct Effect {
 
 /// A Run without state of its own from a function.
 std::unique_ptr<Run> stateless(std::function<void(Layers&, const Channels&, const FrameInstant&)> apply);
+/// A Run that adds the same errors (CV_32F, mm, of the image's size) to the valid depths of every frame.
+std::unique_ptr<Run> adding(const cv::Mat& error_mm);
 
 /// body(first, last) over blocks of rows that cover 0 .. rows-1, on several threads where the image is large. The
 /// result must not depend on where the blocks end.

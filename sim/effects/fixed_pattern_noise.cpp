@@ -41,13 +41,8 @@ const Effect& fixed_pattern_noise() {
        .per_unit_map = true,
        .revealed_by = "repeated frames of planes at several places: what is common to all of them"},
       [](const EffectInstance& instance, const CaptureContext& context) {
-        const cv::Mat map =
-            smooth_noise({context.camera.width, context.camera.height}, instance.value("correlation_length"),
-                         instance.value("amplitude"), context.unit_draws());
-        return stateless([=](Layers& layers, const Channels&, const FrameInstant&) {
-          map_depth(layers,
-                    [&](int row) { return [m = map.ptr<float>(row)](float z, int col) { return z + m[col]; }; });
-        });
+        return adding(smooth_noise({context.camera.width, context.camera.height}, instance.value("correlation_length"),
+                                   instance.value("amplitude"), context.unit_draws()));
       }};
   return effect;
 }

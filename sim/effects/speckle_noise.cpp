@@ -44,13 +44,8 @@ const Effect& speckle_noise() {
        .per_capture_map = true,
        .revealed_by = "repeated frames of planes at several places: what stays in each and is another in all others"},
       [](const EffectInstance& instance, const CaptureContext& context) {
-        const cv::Mat map =
-            smooth_noise({context.camera.width, context.camera.height}, instance.value("correlation_length"),
-                         instance.value("amplitude"), context.capture_draws());
-        return stateless([=](Layers& layers, const Channels&, const FrameInstant&) {
-          map_depth(layers,
-                    [&](int row) { return [m = map.ptr<float>(row)](float z, int col) { return z + m[col]; }; });
-        });
+        return adding(smooth_noise({context.camera.width, context.camera.height}, instance.value("correlation_length"),
+                                   instance.value("amplitude"), context.capture_draws()));
       }};
   return effect;
 }
