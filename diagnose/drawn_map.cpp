@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "diagnose/unit_map.h"
 
@@ -11,6 +12,7 @@ namespace {
 
 constexpr double most_of_one = 9;  // of what a cosine's square is expected to be: three standard deviations
 constexpr double unlike = 4;       // of a ring's power over what is expected
+constexpr double the_same = 0.5;   // correlation of captures
 
 RingSquares squares_of(const Whitened& rest, int offset, int cells, int cols) {
   return squares_by_ring({rest.begin() + offset, rest.begin() + offset + cells}, cols);
@@ -80,9 +82,40 @@ bool DrawnMap::looks_alike(const std::vector<RingSquares>& squares, double stren
       expected[r] += modes * drawn;
     }
   }
-  for (std::size_t r = 0; r < seen.size(); ++r)
+  // What is slow, poses and lens take more of than of a draw. What is fine they leave: a bend has none.
+  double fine_seen = 0, fine_expected = 0;
+  const double half = std::accumulate(expected.begin(), expected.end(), 0.0) / 2;
+  for (std::size_t r = seen.size(); r-- > 0;) {
     if (expected[r] > 0 && seen[r] > unlike * expected[r]) return false;
-  return true;
+    if (fine_expected < half) fine_seen += seen[r], fine_expected += expected[r];
+  }
+  return unlike * fine_seen >= fine_expected;
+}
+
+double DrawnMap::in_common(const Whitened& train, const Whitened& test) const {
+  struct Left {
+    const float* cells;
+    int count;
+    double power;
+  };
+  std::vector<Left> captures;
+  for (const Capture& capture : captures_) {
+    const float* cells = (capture.train ? train : test).data() + capture.offset;
+    const RingSquares rings = squares_of(capture.train ? train : test, capture.offset, capture.cells, capture.cols);
+    double power = 0;
+    for (std::size_t r = 0; r < rings.size(); ++r)
+      power += sum(rings[r], std::numeric_limits<double>::infinity()) -
+               static_cast<double>(rings[r].size()) * capture.noise[r];
+    if (power > 0) captures.push_back({cells, capture.cells, power});
+  }
+  double together = 0, apart = 0;
+  for (std::size_t a = 0; a < captures.size(); ++a)
+    for (std::size_t b = 0; b < a; ++b) {
+      if (captures[a].count != captures[b].count) continue;
+      together += std::inner_product(captures[a].cells, captures[a].cells + captures[a].count, captures[b].cells, 0.0);
+      apart += std::sqrt(captures[a].power * captures[b].power);
+    }
+  return apart > 0 ? together / apart : 0;
 }
 
 DrawnMap::Gain DrawnMap::gain(const Whitened& train, const Whitened& test) const {
@@ -94,7 +127,7 @@ DrawnMap::Gain DrawnMap::gain(const Whitened& train, const Whitened& test) const
     if (const double gain = gain_of(true, squares, strength); gain > best.train) best = {gain, 0, strength, false};
   if (best.strength == 0) return best;
   best.test = gain_of(false, squares, best.strength);
-  best.alike = looks_alike(squares, best.strength);
+  best.alike = looks_alike(squares, best.strength) && in_common(train, test) < the_same;
   return best;
 }
 

@@ -14,15 +14,16 @@ namespace binrig {
 /// Model: the cosines of a capture's bias map are independent and normal, with the variance of the rung's own
 /// randomness plus a strength times that of the simulated draws, one in each ring of frequency (Whittle). A step or a
 /// bend has much in a few cosines and nothing in the others: squares count up to nine times what is expected, and where
-/// a ring has four times more than the draws would, it is not alike. Less it may have: a fit takes more of what is slow
-/// than nuisances about it do.
+/// a ring has four times more than the draws would, it is not alike. Slow rings may have less: a fit takes more of them
+/// than nuisances about it do. The finer half of the draws' power must be there, at least a fourth of it. Nor is it
+/// alike where captures have it in common: two draws go together by chance alone.
 class DrawnMap {
  public:
   struct Gain {
     double train = 0,
            test = 0;      ///< twice the logarithm of the likelihood's ratio, at the strength that is best on train
     double strength = 0;  ///< of the draws' variance, over that of the simulated ones; 0 if nothing is explained
-    bool alike = false;   ///< no ring has far more than the draws would
+    bool alike = false;   ///< no ring has far more than the draws would, and captures have little in common
   };
 
   /// `without`: simulations of the rung's model; `with`: of the model with the effect, same trials, all captures.
@@ -40,6 +41,9 @@ class DrawnMap {
   };
   double gain_of(bool train, const std::vector<RingSquares>& squares, double strength) const;
   bool looks_alike(const std::vector<RingSquares>& squares, double strength) const;
+  /// Mean correlation of two captures' residuals, the rung's own randomness taken out of their power; about 0 of draws,
+  /// about 1 of what is the same in all. 0 if less than two captures have more than that randomness.
+  double in_common(const Whitened& train, const Whitened& test) const;
 
   std::vector<Capture> captures_;
 };

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "diagnose/map_hypotheses.h"
 #include "diagnose/unit_map.h"
 #include "tests/diagnose/simulated_case.h"
 
@@ -76,7 +77,38 @@ TEST(DrawnMap, IsNotTakenForWhatHasAShapeOfItsOwn) {
   for (const auto& [effect, values] : others) {
     const DrawnMap::Gain gain = gain_on(model_with(effect, values));
     EXPECT_TRUE(!gain.alike || gain.train < 30) << effect << " " << gain.train;
+    for (const double length : {1.6, 2.5, 4.4}) {  // those that a search tries
+      const DrawnMap::Gain bumps =
+          gain_on(model_with(effect, values), "speckle_noise", {{"amplitude", 0.1}, {"correlation_length", length}});
+      EXPECT_TRUE(!bumps.alike || bumps.train < 30) << effect << " " << length << " px " << bumps.train;
+    }
   }
+}
+
+TEST(DrawnMap, IsNotTakenForWhatAllCapturesHaveInCommon) {
+  // Bumps of the unit are as bumpy as those of a scene.
+  const Values bumps{{"amplitude", 0.15}, {"correlation_length", 3}};
+  const DrawnMap::Gain gain = gain_on(model_with("fixed_pattern_noise", bumps), "speckle_noise", bumps);
+  EXPECT_GT(gain.train, 200);
+  EXPECT_FALSE(gain.alike);
+}
+
+/// Does a search begin with speckle of the scene, where the rung's model is noise alone?
+bool begins_with_speckle(const SensorModel& truth) {
+  const Case c(truth, noise_alone(0.3));
+  const Rung rung = c.fitted({.simulations = 16, .passes = 1});
+  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), rung.model);
+  std::erase_if(hypotheses.tested, [](const Hypothesis& h) { return h.effect != "speckle_noise"; });
+  std::vector<LinearGain> linear{{0, 0, hypotheses.tested[0].paths[0].atoms[0].values}};
+  MapHypotheses maps(c.experiment, rung, c.measured, hypotheses, 77);
+  maps.learn(linear);
+  return maps.begins_with_draws(0);
+}
+
+TEST(DrawnMap, IsNotAskedForWhereTheNoiseIsWrong) {
+  EXPECT_TRUE(begins_with_speckle(model_with("speckle_noise", {{"amplitude", 0.1}, {"correlation_length", 3}})));
+  // The mean of a capture's frames is smoothed, too, and another one in each capture.
+  EXPECT_FALSE(begins_with_speckle(model_with("smoothing", {{"sigma", 1.5}})));
 }
 
 }  // namespace
