@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "diagnose/score.h"
 #include "diagnose/screen.h"
 #include "diagnose/trace.h"
 
@@ -13,22 +14,13 @@ namespace {
 
 constexpr double worth_a_look = 30;  // gain of chi
 constexpr double far_behind = 0.05;  // share of what the best hypothesis gains
-constexpr double noise_is_off = 2;   // mean square of what is left, of which the rung's own randomness leaves 1
+constexpr double noise_is_off = 2;   // of what the rung's own randomness leaves
 
-/// What is left of the noise from frame to frame, in strength or in spectrum, on train: the larger of both.
-double left_of_noise(const Layout& layout, const Rung& rung) {
-  double most = 0;
-  for (const char* const segment : {"noise", "spectrum"}) {
-    double square = 0;
-    int known = 0;
-    for (const Block& block : layout.blocks) {
-      if (segments()[block.segment].name != segment || !block.train) continue;
-      for (int i = block.offset; i < block.offset + block.size; ++i)
-        square += rung.rest[i] * rung.rest[i], known += rung.rest[i] != 0;
-    }
-    most = std::max(most, square / std::max(1, known));
-  }
-  return most;
+/// Does the rung explain the noise from frame to frame, in strength and in spectrum?
+bool noise_is_known(const Layout& layout, const Rung& rung) {
+  return std::ranges::none_of(goodness_of_fit(layout, rung), [](const SegmentFit& fit) {
+    return fit.train && (fit.segment == "noise" || fit.segment == "spectrum") && fit.ratio > noise_is_off;
+  });
 }
 
 }  // namespace
@@ -56,11 +48,11 @@ void MapHypotheses::learn(std::vector<LinearGain>& linear) {
   double best = 0;
   // The mean of a capture's frames has noise of its own, drawn anew in each capture as such maps are: where the model's
   // noise is wrong, nothing can be said of them.
-  const bool noise_is_known = left_of_noise(experiment_.layout(), rung_) < noise_is_off;
+  const bool known = noise_is_known(experiment_.layout(), rung_);
   for (const LinearGain& found : linear) best = std::max(best, found.gain);
   for (LinearGain& found : linear) {
     const EffectDeclaration& effect = *hypotheses_.tested[found.hypothesis].declaration;
-    if (!effect.per_unit_map && !(effect.per_capture_map && noise_is_known)) continue;
+    if (!effect.per_unit_map && !(effect.per_capture_map && known)) continue;
     if (without.empty()) without = simulate(rung_.model);
     if (effect.per_unit_map)
       learn_map(found, without, best);

@@ -20,8 +20,9 @@ const Effect& speckle_noise() {
            "Dorsch, Haeusler and Herrmann, Laser triangulation: fundamental uncertainty in distance "
            "measurement, Applied Optics 33, 1994; of projected dots: our finding on Apple TrueDepth cameras, of "
            "which error maps are the more alike the nearer to each other two boards stand",
-       .deviation = "as strong at any distance, where speckle through one lens would grow with its square (TrueDepth: "
-                    "0.2 to 0.3 mm from 0.18 to 0.3 m); a capture as a whole is one scene",
+       .deviation =
+           "as strong at any distance, where speckle through one lens would grow with its square (TrueDepth: as "
+           "much from 0.18 to 0.25 m); a capture as a whole is one scene",
        .parameters = {{.name = "amplitude",
                        .unit = "mm",
                        .lower = 0,
