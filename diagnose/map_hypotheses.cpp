@@ -16,11 +16,17 @@ constexpr double worth_a_look = 30;  // gain of chi
 constexpr double far_behind = 0.05;  // share of what the best hypothesis gains
 constexpr double noise_is_off = 2;   // of what the rung's own randomness leaves
 
-/// Does the rung explain the noise from frame to frame, in strength and in spectrum?
-bool noise_is_known(const Layout& layout, const Rung& rung) {
-  return std::ranges::none_of(goodness_of_fit(layout, rung), [](const SegmentFit& fit) {
-    return fit.train && (fit.segment == "noise" || fit.segment == "spectrum") && fit.ratio > noise_is_off;
-  });
+/// Could noise from frame to frame of which the rung knows too little be what is left of the bias? Noise k times as
+/// strong as the rung's, in all or in a ring of its spectrum, leaves k times as much in the mean of a capture's frames,
+/// and more in its own statistics, which are made of all frames.
+bool may_be_noise(const Layout& layout, const Rung& rung) {
+  double bias = 0, noise = 0;
+  for (const SegmentFit& fit : goodness_of_fit(layout, rung)) {
+    if (!fit.train) continue;
+    if (fit.segment == "bias") bias = fit.ratio;
+    if (fit.segment == "noise" || fit.segment == "spectrum") noise = std::max(noise, fit.ratio);
+  }
+  return noise > std::max(noise_is_off, bias);
 }
 
 }  // namespace
@@ -46,13 +52,11 @@ std::vector<StatVector> MapHypotheses::simulate_with(const Hypothesis& hypothesi
 void MapHypotheses::learn(std::vector<LinearGain>& linear) {
   std::vector<StatVector> without;
   double best = 0;
-  // The mean of a capture's frames has noise of its own, drawn anew in each capture as such maps are: where the model's
-  // noise is wrong, nothing can be said of them.
-  const bool known = noise_is_known(experiment_.layout(), rung_);
+  const bool draws_show = !may_be_noise(experiment_.layout(), rung_);
   for (const LinearGain& found : linear) best = std::max(best, found.gain);
   for (LinearGain& found : linear) {
     const EffectDeclaration& effect = *hypotheses_.tested[found.hypothesis].declaration;
-    if (!effect.per_unit_map && !(effect.per_capture_map && known)) continue;
+    if (!effect.per_unit_map && !(effect.per_capture_map && draws_show)) continue;
     if (without.empty()) without = simulate(rung_.model);
     if (effect.per_unit_map)
       learn_map(found, without, best);

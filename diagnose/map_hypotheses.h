@@ -20,7 +20,7 @@ class MapHypotheses {
 
   /// Simulates units with each of these hypotheses where the linear view puts it; where there is a map worth a look,
   /// its parameters are written to `linear`. Gains of maps that look random are added to theirs, and so are those of
-  /// draws that look like what is left, with their strength, where the rung explains the noise from frame to frame.
+  /// draws that look like what is left, with their strength, where wrong noise from frame to frame cannot be the cause.
   /// Throws what simulating throws.
   void learn(std::vector<LinearGain>& linear);
   /// What the maps gain of a residual in which nothing is missing, added to each one's gain. `rest`: of Rung::train.
