@@ -97,6 +97,19 @@ Eigen::VectorXd half_intervals(const Fit& fit, double dispersion) {
   return 1.96 * std::sqrt(1.5) * deviation;
 }
 
+bool may_be_nothing(const Fit& fit, double dispersion, const std::string& id, const EffectDeclaration& effect) {
+  const ParameterSpec* spec = effect.parameter(effect.amplitude);
+  const Eigen::VectorXd half = half_intervals(fit, dispersion);
+  if (!spec || !spec->neutral || half.size() != static_cast<long>(fit.parameters.size())) return false;
+  for (int p = 0; p < half.size(); ++p) {
+    const FitParameter& parameter = fit.parameters[p];
+    if (parameter.id != id || parameter.name != effect.amplitude || parameter.logarithmic) continue;
+    return parameter.natural(fit.value[p] - half[p]) <= *spec->neutral &&
+           *spec->neutral <= parameter.natural(fit.value[p] + half[p]);
+  }
+  return false;
+}
+
 void write_intervals(SensorModel& model, const Fit& fit, double dispersion, const std::string& provenance) {
   const int n = static_cast<int>(fit.parameters.size());
   const Eigen::VectorXd half = half_intervals(fit, dispersion);

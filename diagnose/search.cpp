@@ -239,6 +239,7 @@ class Search {
     const bool doubted = refined.linear_gain - refined.price < own_gate_[h];
     refined.gate = (doubted ? options_.beyond_doubt : 1) * own_gate_[h];
     refined.p = result_.p_values[h];
+    refined.draws = hypotheses_.tested[h].declaration->per_capture_map;
     refined.random_map = maps_.looks_random(h);
     std::map<std::string, double> values;
     for (const auto& [name, value] : refined.model.find(refined.id)->values) values[name] = value.value;

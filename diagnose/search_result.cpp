@@ -96,7 +96,7 @@ Separation separation(const Rung& rung, const Refined& a, const Refined& b) {
 }
 
 bool moves_the_same(const Rung& rung, const Refined& a, const Refined& b) {
-  return std::abs(separation(rung, a, b).cosine) >= in_common;
+  return (a.draws && b.draws) || std::abs(separation(rung, a, b).cosine) >= in_common;
 }
 
 bool confounded(const Rung& rung, const Refined& a, const Refined& b) {

@@ -24,6 +24,7 @@ struct Refined {
   double share = 1;
   PValue p;
   bool happens_or_not = false;  ///< to whole frames, as chance has it
+  bool draws = false;           ///< maps, one a capture: what it gains is power, not a shape
   bool random_map = true;       ///< false: it draws a map of the unit, but what is fixed in the image looks like none
   /// Its parameters are those of a map that was recognised, or what its signatures say, with intervals: no fit says
   /// more of them.
@@ -103,7 +104,8 @@ struct Separation {
   double distance2 = 0, cosine = 0;
 };
 Separation separation(const Rung& rung, const Refined& a, const Refined& b);
-/// Do they move something in common (cosine of at least 0.1)? If not, each explains its own.
+/// Do they move something in common (cosine of at least 0.1), or do both draw maps, which have power in common and
+/// no cosine? If not, each explains its own.
 bool moves_the_same(const Rung& rung, const Refined& a, const Refined& b);
 /// True if the data cannot tell b from a, which is taken for the better one: what a gains over b lies within what
 /// chance makes of two models that far apart, or is less than a quarter of what a gains where b gains more by its
@@ -111,8 +113,8 @@ bool moves_the_same(const Rung& rung, const Refined& a, const Refined& b);
 /// later, a stronger b that moves nothing in common with it is none.
 bool confounded(const Rung& rung, const Refined& a, const Refined& b);
 
-/// Those of `worthy` (best first) that move nothing that the best one moves, nor what those before them move (cosine
-/// below 0.1), and that gain a quarter of what it does: each explains its own, whichever comes first.
+/// Those of `worthy` (best first) that move nothing that the best one moves, nor what those before them move
+/// (moves_the_same), and that gain a quarter of what it does: each explains its own, whichever comes first.
 std::vector<const Refined*> standing_beside(const Rung& rung, const Refined& best,
                                             const std::vector<const Refined*>& worthy);
 

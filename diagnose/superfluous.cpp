@@ -30,9 +30,11 @@ HeldOut held_out(const Experiment& experiment, const std::vector<SceneMotion>& m
 
 void take_out_superfluous(const Experiment& experiment, const std::vector<SceneMotion>& motions,
                           const Measurement& measured, Climbed& climbed) {
-  for (std::size_t k = 0; k + 1 < climbed.candidates.size();) {
+  for (std::size_t k = 0; k < climbed.candidates.size();) {
     const Rung& last = climbed.rungs.back();
     const CandidateReport& candidate = climbed.candidates[k];
+    const EffectDeclaration& effect = last.model.find(candidate.id)->declaration(experiment.forward().catalogue());
+    if (k + 1 == climbed.candidates.size() && !may_be_nothing(last.fit, last.dispersion, candidate.id, effect)) break;
     const SensorModel model = without_effect(last.model, candidate.id);
     RungOptions again = climbed.options;
     again.simulations = 8;  // only their mean is looked at

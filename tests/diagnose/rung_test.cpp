@@ -186,5 +186,29 @@ TEST(CombSteps, TriesWhatTheRecordedValuesSay) {
   EXPECT_GT(std::abs(combed({}) - 0.5), 5 * seen.depth_mm[0].uncertainty) << "the comb alone finds it: no test";
 }
 
+TEST(MayBeNothing, WhereTheIntervalOfItsStrengthHoldsTheNeutralValue) {
+  const EffectDeclaration& scale = find_effect("depth_scale")->declaration;
+  FitParameter amplitude, other;
+  amplitude.id = other.id = "scale";
+  amplitude.lower = other.lower = -1;
+  amplitude.upper = other.upper = 1;
+  amplitude.name = scale.amplitude;
+  other.name = "other";
+  const double neutral = *scale.parameter(scale.amplitude)->neutral;
+  const auto with = [&](const FitParameter& parameter, double value) {
+    Fit fit;
+    fit.parameters = {parameter};
+    fit.value = Eigen::VectorXd::Constant(1, value);
+    fit.half_interval = Eigen::VectorXd::Constant(1, 0.01);
+    return fit;
+  };
+  EXPECT_TRUE(may_be_nothing(with(amplitude, neutral + 0.009), 1, "scale", scale));
+  EXPECT_TRUE(may_be_nothing(with(amplitude, neutral - 0.009), 1, "scale", scale));
+  EXPECT_FALSE(may_be_nothing(with(amplitude, neutral + 0.011), 1, "scale", scale));
+  EXPECT_FALSE(may_be_nothing(with(amplitude, neutral), 1, "another", scale));
+  EXPECT_FALSE(may_be_nothing(with(other, neutral), 1, "scale", scale)) << "its strength was not fitted";
+  EXPECT_FALSE(may_be_nothing({}, 1, "scale", scale));
+}
+
 }  // namespace
 }  // namespace binrig

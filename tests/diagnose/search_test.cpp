@@ -206,6 +206,13 @@ TEST(StandingBeside, ThoseThatMoveOtherThingsAndGainMuchInTheirOrder) {
   EXPECT_TRUE(standing_beside(two.rung, best, {&best}).empty());
 }
 
+TEST(StandingBeside, WhatDrawsMapsHasPowerInCommonWithAllThatDo) {
+  const TwoCaptures two;
+  Refined best = two.moving("best", 1, 1000), other = two.moving("other", 2, 900), third = two.moving("third", 3, 800);
+  best.draws = other.draws = true;
+  EXPECT_EQ(standing_beside(two.rung, best, {&best, &other, &third}), (std::vector<const Refined*>{&third}));
+}
+
 TEST(SearchResult, WhatExplainsFarMoreOnTrainIsTriedBeforeWhatProvedItself) {
   const SearchOptions options;
   Refined proven;
