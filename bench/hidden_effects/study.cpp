@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "core/error.h"
 #include "sim/effect.h"
 
 namespace binrig::hidden {
@@ -37,6 +38,7 @@ std::string Case::key() const {
 std::vector<Case> cases_of(const Plan& plan) {
   const std::vector<std::string> names = plan.effects.empty() ? catalogue_names() : plan.effects;
   const std::vector<std::string> outsiders = outsider_names();
+  if (plan.pairs > 0 && names.size() < 2) throw Error("pairs are drawn from the effects named: name at least two");
   std::vector<Case> cases;
   for (int seed = plan.first_seed; seed < plan.first_seed + plan.seeds; ++seed)
     for (const Strength strength : plan.strengths)

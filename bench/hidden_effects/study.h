@@ -27,7 +27,7 @@ struct Plan {
   int seeds = 1;  ///< of each effect and strength
   int none = 0, pairs = 0, outside = 0;  ///< pairs are of the first strength
 };
-/// Seed by seed, so that a part of the list says something about all effects.
+/// Seed by seed, so that a part of the list says something about all effects. Throws Error if pairs are asked of one.
 std::vector<Case> cases_of(const Plan& plan);
 
 /// Everything about a recording but the answer: what is really there.
