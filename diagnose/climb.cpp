@@ -84,11 +84,13 @@ class Climb {
     book_.emplace(experiment_, signature_model(given_, near, catalogue_), all_, SignatureOptions{.seed = seed_ * 7001});
     book_->look_at(everyone(), false);
     const auto full = [&] { return static_cast<int>(climbed_.evidence.accepted.size()) >= most_effects_; };
-    while (!full() && step_up()) {
-    }
-    climbed_.as_many_as_allowed = full();
-    climbed_.removed.resize(climbed_.rungs.size());
-    take_out_superfluous(experiment_, motions_, measured_, climbed_);
+    do {
+      close_.assign(climbed_.candidates.size(), {});
+      while (!full() && step_up()) {
+      }
+      climbed_.as_many_as_allowed = full();
+      climbed_.removed.resize(climbed_.rungs.size());
+    } while (take_out_superfluous(experiment_, motions_, measured_, climbed_));
   }
 
   /// Where what is missing bent a parameter, signatures about the bent one hide what it stands in for.

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "diagnose/last_step.h"
 #include "diagnose/score.h"
 #include "diagnose/trace.h"
 
@@ -12,6 +13,7 @@ namespace {
 
 constexpr double far_worse = 0.5, far_worse_share = 0.02;  // of a held-out score, and of what is left of it
 constexpr double hardly_worse = 0.0025;                    // of a proper score, an element
+constexpr double hardly_its_own = 0.1;                     // share of what an addition took from a held-out score
 
 struct HeldOut {
   double with = 0, without = 0;
@@ -26,15 +28,32 @@ HeldOut held_out(const Experiment& experiment, const std::vector<SceneMotion>& m
   return {judged[0].heldout, judged[1].heldout};
 }
 
+/// May the strength of what was added last be nothing? The precision of a fit knows nothing of what simulations scatter
+/// together: where it leaves the question near, the last step does.
+bool strength_is_open(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
+                      const std::string& id, const EffectDeclaration& effect, std::uint64_t seed) {
+  constexpr double near = 4;  // times half of the interval
+  Fit fit = rung.fit;
+  fit.half_interval = near * half_intervals(fit, rung.dispersion);
+  if (!may_be_nothing(fit, rung.dispersion, id, effect)) return false;
+  const bool series = needs_whole_series(rung.model, experiment.forward().catalogue());
+  const LastStep step = last_step(experiment, motions, rung, rung.fit.parameters, series, seed);
+  fit.half_interval = 1.96 * step.covariance.diagonal().cwiseMax(0).cwiseSqrt();
+  return may_be_nothing(fit, rung.dispersion, id, effect);
+}
+
 }  // namespace
 
-void take_out_superfluous(const Experiment& experiment, const std::vector<SceneMotion>& motions,
+bool take_out_superfluous(const Experiment& experiment, const std::vector<SceneMotion>& motions,
                           const Measurement& measured, Climbed& climbed) {
+  const Layout& layout = experiment.layout();
+  bool last_one_went = false;
   for (std::size_t k = 0; k < climbed.candidates.size();) {
     const Rung& last = climbed.rungs.back();
     const CandidateReport& candidate = climbed.candidates[k];
     const EffectDeclaration& effect = last.model.find(candidate.id)->declaration(experiment.forward().catalogue());
-    if (k + 1 == climbed.candidates.size() && !may_be_nothing(last.fit, last.dispersion, candidate.id, effect)) break;
+    const bool is_last = k + 1 == climbed.candidates.size();
+    if (is_last && !strength_is_open(experiment, motions, last, candidate.id, effect, climbed.options.seed)) break;
     const SensorModel model = without_effect(last.model, candidate.id);
     RungOptions again = climbed.options;
     again.simulations = 8;  // only their mean is looked at
@@ -51,11 +70,18 @@ void take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
       RungOptions as_it_is = again;
       as_it_is.passes = 0;
       const auto proper = [&](const SensorModel& of) {
-        return proper_score(experiment.layout(), fit_rung(experiment, motions, measured, of, last.offsets, as_it_is));
+        return proper_score(layout, fit_rung(experiment, motions, measured, of, last.offsets, as_it_is));
       };
       const double with_it = proper(last.model), without_it = proper(model);
       if (tracing()) fmt::print(stderr, "  proper {:.4f} -> {:.4f}\n", with_it, without_it);
       return without_it < with_it + hardly_worse;
+    };
+    // What the last one brought, with all else fitted anew, the others bring without it.
+    const auto others_brought_it = [&](const Rung& rung, const HeldOut& now) {
+      const double before =
+          held_out(experiment, motions, measured, last, climbed.rungs[climbed.rungs.size() - 2]).without;
+      return now.without - now.with < hardly_its_own * (before - now.with) &&
+             std::ranges::includes(unexplained(layout, last), unexplained(layout, rung));
     };
     bool superfluous = judged.without <= judged.with && nobody_misses_it();
     if (!superfluous && !judged.far_off()) {
@@ -63,16 +89,17 @@ void take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
       judged = held_out(experiment, motions, measured, last, without);
       if (tracing())
         fmt::print(stderr, "  {} left out: held-out {:.3f} -> {:.3f}\n", candidate.id, judged.with, judged.without);
-      superfluous = judged.without <= judged.with;
+      superfluous = judged.without <= judged.with || (is_last && others_brought_it(without, judged));
     }
     if (!superfluous) {
       ++k;
       continue;
     }
     climbed.warnings.push_back(fmt::format(
-        "{} was added and, with what came after it, taken out again: without it the error on captures held out is no "
-        "larger ({:.3g} with it, {:.3g} without)",
-        candidate.effect, judged.with, judged.without));
+        "{} was added and{} taken out again: without it the error on captures held out is {} larger ({:.3g} with it, "
+        "{:.3g} without)",
+        candidate.effect, is_last ? ", since what was fitted with it is what helped," : ", with what came after it,",
+        is_last ? "hardly" : "no", judged.with, judged.without));
     RungOptions options = climbed.options;
     options.narrow = again.narrow;
     Rung next = fit_rung(experiment, motions, measured, model, last.offsets, options);
@@ -82,7 +109,9 @@ void take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
     climbed.removed.push_back(candidate.effect);
     climbed.candidates.erase(climbed.candidates.begin() + static_cast<long>(k));
     climbed.evidence.accepted.erase(climbed.evidence.accepted.begin() + static_cast<long>(k));
+    last_one_went = is_last;
   }
+  return last_one_went;
 }
 
 }  // namespace binrig
