@@ -31,7 +31,7 @@ class Fft2 {
 
   /// image: CV_32F rows x cols; spectrum: rows x half_cols, row-wise.
   void forward(const cv::Mat& image, std::vector<std::complex<float>>& spectrum) const;
-  /// Destroys `spectrum`. An image of rows x cols is written where it is, however it lies in memory.
+  /// Destroys `spectrum`.
   void inverse(std::vector<std::complex<float>>& spectrum, cv::Mat& image) const;
 
  private:

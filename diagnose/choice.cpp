@@ -54,7 +54,7 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
   // Where nothing is unexplained any more, it may be twice that: masks do not come back to where they were.
   const bool explains_all = !before.unexplained.empty() && after.unexplained.empty();
   const bool gets_worse = (excess == 0 && rise >= (explains_all ? 2 : 1) * least_proper_gain) ||
-                          (rise >= hardly_worse && before.unexplained.empty()) || (rise > 0 && addition.draws);
+                          (rise >= hardly_worse && before.unexplained.empty());
   const double fall = addition.unproven ? std::max(hardly_rises, unproven_fall * excess) : least_fall * excess;
   if (!gets_worse && after.heldout <= before.heldout - fall) return true;
   if (addition.happens_or_not && leaves_less(before.unexplained, after.unexplained)) return true;

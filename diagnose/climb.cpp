@@ -237,9 +237,7 @@ class Climb {
     Adding::hold(found.refined, options);
     finish(next, options);
     const bool by_its_map = found.accepted.map && found.accepted.map_looks_random;
-    if (!climb(found.refined, std::move(next),
-               {unproven, by_its_map, found.refined.happens_or_not, found.refined.draws}))
-      return false;
+    if (!climb(found.refined, std::move(next), {unproven, by_its_map, found.refined.happens_or_not})) return false;
     leave_behind(climbed_.rungs[climbed_.rungs.size() - 2]);
     climbed_.options = options;
     climbed_.candidates.push_back(found.report);

@@ -59,13 +59,12 @@ double proper_score(const Layout& layout, const Rung& rung, Part part) {
   double proper = 0, known = 0;
   // Where the targets really stood is no fault of the model: rung.rest is free of it.
   const Whitened rest = rung.standard.with_modes(rung.rest);
-  for (std::size_t b = 0; b < layout.blocks.size(); ++b) {
-    const Block& block = layout.blocks[b];
+  for (const auto& block : layout.blocks) {
     if (part != Part::all && block.train != (part == Part::train)) continue;
-    proper += rung.standard.log_determinant(b);
     for (int i = block.offset; i < block.offset + block.size; ++i) {
-      if (rung.standard.spread()[i] <= 0) continue;
-      proper += static_cast<double>(rest[i]) * rest[i];
+      const float s = rung.standard.spread()[i];
+      if (s <= 0) continue;
+      proper += static_cast<double>(rest[i]) * rest[i] + 2 * std::log(s);
       known += 1;
     }
   }

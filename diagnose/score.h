@@ -9,9 +9,8 @@
 
 namespace binrig {
 
-/// Squared whitened residual plus logarithm of the determinant of the rung's own covariance, per element known of the
-/// captures held out (or of another part): the smaller the better, and needless variance makes it larger. Source: the
-/// logarithmic score of a normal distribution, without its constant.
+/// Squared residual plus logarithm of the rung's own variance, mean over what is known of the captures held out (or of
+/// another part): the smaller the better, and needless variance makes it larger.
 double proper_score(const Layout& layout, const Rung& rung, Part part = Part::test);
 
 /// Scores of several models on the held-out captures, all in units of `last`'s randomness, its nuisances marginalised

@@ -103,13 +103,6 @@ TEST(MakesBetter, WhatLowersTheHeldOutScoreOrTheProperOne) {
   EXPECT_FALSE(makes_better({2, -3.0, {}, 2}, {1.9, -2.99, {}, 1.9}, {})) << "nothing was unexplained";
 }
 
-TEST(MakesBetter, WhatDrawsHasToLowerTheProperScore) {
-  const Left before{1.13, -3.012, {{"comb", true}}, 1.13};
-  EXPECT_TRUE(makes_better(before, {1.08, -2.988, {{"comb", true}}, 1.08}, {}));
-  EXPECT_FALSE(makes_better(before, {1.08, -2.988, {{"comb", true}}, 1.08}, {.draws = true}));
-  EXPECT_TRUE(makes_better(before, {1.08, -3.02, {{"comb", true}}, 1.08}, {.draws = true}));
-}
-
 TEST(MakesBetter, BelowTheFloorWhatExplainsAllThatWasUnexplainedMayCostTwiceAsMuch) {
   const Left before{0.96, -3.53, {{"spectrum", true}}, 1.02};
   EXPECT_TRUE(makes_better(before, {0.91, -3.515, {}, 0.95}, {}));
