@@ -109,9 +109,10 @@ Fit fit_model(const Experiment& experiment, const Standard& standard, const Metr
 /// Half of a parameter's 95 % interval, on the scale of the fit: half_interval if there is one, else from its scatter
 /// or its precision (widened by `dispersion`), whichever is wider.
 Eigen::VectorXd half_intervals(const Fit& fit, double dispersion);
-/// Does the interval of an instance's strength hold the value at which it does nothing? False if that is not fitted, or
-/// fitted as a logarithm.
-bool may_be_nothing(const Fit& fit, double dispersion, const std::string& id, const EffectDeclaration& effect);
+/// Does the interval of an instance's strength hold the value at which it does nothing? `half`: half of the intervals
+/// of all parameters, on the scale of the fit. False if the strength is not fitted, or fitted as a logarithm.
+bool may_be_nothing(const Fit& fit, const Eigen::VectorXd& half, const std::string& id,
+                    const EffectDeclaration& effect);
 /// Writes the fit's values, their intervals and where they are from.
 void write_intervals(SensorModel& model, const Fit& fit, double dispersion, const std::string& provenance);
 

@@ -97,9 +97,9 @@ Eigen::VectorXd half_intervals(const Fit& fit, double dispersion) {
   return 1.96 * std::sqrt(1.5) * deviation;
 }
 
-bool may_be_nothing(const Fit& fit, double dispersion, const std::string& id, const EffectDeclaration& effect) {
+bool may_be_nothing(const Fit& fit, const Eigen::VectorXd& half, const std::string& id,
+                    const EffectDeclaration& effect) {
   const ParameterSpec* spec = effect.parameter(effect.amplitude);
-  const Eigen::VectorXd half = half_intervals(fit, dispersion);
   if (!spec || !spec->neutral || half.size() != static_cast<long>(fit.parameters.size())) return false;
   for (int p = 0; p < half.size(); ++p) {
     const FitParameter& parameter = fit.parameters[p];

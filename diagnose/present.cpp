@@ -32,8 +32,8 @@ std::vector<PresentParameter> present_parameters(const SensorModel& given, const
     const bool anything = spec && entry.low <= spec->lower && entry.high >= spec->upper;
     entry.determined = !anything && sigma < least_learned * parameter.prior_sigma;
     entry.changed = entry.determined && (entry.given < entry.low || entry.given > entry.high);
-    entry.superfluous = entry.determined && parameter.name == effect.amplitude &&
-                        may_be_nothing(fit, last.dispersion, parameter.id, effect);
+    entry.superfluous =
+        entry.determined && parameter.name == effect.amplitude && may_be_nothing(fit, half, parameter.id, effect);
     result.push_back(entry);
   }
   return result;

@@ -24,10 +24,8 @@ FrequencyBins all_rings([](int i, int j, int rows, int cols) {
 bool is_bias_map(const Block& block) { return segments()[block.segment].name == "bias"; }
 bool is_noise_map(const Block& block) { return segments()[block.segment].name == "noise"; }
 
-/// Filters a grid by a gain per ring of frequency. FIXME: where `values` lies at an address that FFTW does not take,
-/// the inverse makes an image of its own and they stay as they are; three of four bias maps do. Filtering all of them,
-/// with the filter's determinant in the proper score, finds weak speckle rightly, but takes a step across the image for
-/// banding and a step of quantisation beside its value: what was learned with most maps as they are has to follow.
+/// Filters a grid by a gain per ring of frequency, if `values` lie where FFTW takes them; else they stay as they are
+/// (Fft2::inverse), as three of four bias maps do. A known fault: docs/diagnosis.md, where it fails.
 void filter(float* values, int rows, int cols, const std::vector<float>& gain) {
   cv::Mat grid(rows, cols, CV_32F, values);
   const Fft2 fft(rows, cols);

@@ -33,13 +33,10 @@ HeldOut held_out(const Experiment& experiment, const std::vector<SceneMotion>& m
 bool strength_is_open(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                       const std::string& id, const EffectDeclaration& effect, std::uint64_t seed) {
   constexpr double near = 4;  // times half of the interval
-  Fit fit = rung.fit;
-  fit.half_interval = near * half_intervals(fit, rung.dispersion);
-  if (!may_be_nothing(fit, rung.dispersion, id, effect)) return false;
+  if (!may_be_nothing(rung.fit, near * half_intervals(rung.fit, rung.dispersion), id, effect)) return false;
   const bool series = needs_whole_series(rung.model, experiment.forward().catalogue());
   const LastStep step = last_step(experiment, motions, rung, rung.fit.parameters, series, seed);
-  fit.half_interval = 1.96 * step.covariance.diagonal().cwiseMax(0).cwiseSqrt();
-  return may_be_nothing(fit, rung.dispersion, id, effect);
+  return may_be_nothing(rung.fit, 1.96 * step.covariance.diagonal().cwiseMax(0).cwiseSqrt(), id, effect);
 }
 
 }  // namespace

@@ -199,15 +199,15 @@ TEST(MayBeNothing, WhereTheIntervalOfItsStrengthHoldsTheNeutralValue) {
     Fit fit;
     fit.parameters = {parameter};
     fit.value = Eigen::VectorXd::Constant(1, value);
-    fit.half_interval = Eigen::VectorXd::Constant(1, 0.01);
     return fit;
   };
-  EXPECT_TRUE(may_be_nothing(with(amplitude, neutral + 0.009), 1, "scale", scale));
-  EXPECT_TRUE(may_be_nothing(with(amplitude, neutral - 0.009), 1, "scale", scale));
-  EXPECT_FALSE(may_be_nothing(with(amplitude, neutral + 0.011), 1, "scale", scale));
-  EXPECT_FALSE(may_be_nothing(with(amplitude, neutral), 1, "another", scale));
-  EXPECT_FALSE(may_be_nothing(with(other, neutral), 1, "scale", scale)) << "its strength was not fitted";
-  EXPECT_FALSE(may_be_nothing({}, 1, "scale", scale));
+  const Eigen::VectorXd half = Eigen::VectorXd::Constant(1, 0.01);
+  EXPECT_TRUE(may_be_nothing(with(amplitude, neutral + 0.009), half, "scale", scale));
+  EXPECT_TRUE(may_be_nothing(with(amplitude, neutral - 0.009), half, "scale", scale));
+  EXPECT_FALSE(may_be_nothing(with(amplitude, neutral + 0.011), half, "scale", scale));
+  EXPECT_FALSE(may_be_nothing(with(amplitude, neutral), half, "another", scale));
+  EXPECT_FALSE(may_be_nothing(with(other, neutral), half, "scale", scale)) << "its strength was not fitted";
+  EXPECT_FALSE(may_be_nothing({}, half, "scale", scale));
 }
 
 }  // namespace
