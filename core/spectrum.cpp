@@ -149,12 +149,11 @@ void Fft2::forward(const cv::Mat& image, std::vector<std::complex<float>>& spect
 void Fft2::inverse(std::vector<std::complex<float>>& spectrum, cv::Mat& image) const {
   if (spectrum.size() != static_cast<std::size_t>(rows_) * half_cols())
     throw Error(fmt::format("the inverse DFT wants {} x {} coefficients, not {}", rows_, half_cols(), spectrum.size()));
-  if (image.type() != CV_32F || image.rows != rows_ || image.cols != cols_ || !image.isContinuous() ||
-      !aligned(image.data)) {
-    image = cv::Mat(rows_, cols_, CV_32F);
-  }
+  image.create(rows_, cols_, CV_32F);
+  cv::Mat output = image.isContinuous() && aligned(image.data) ? image : cv::Mat(rows_, cols_, CV_32F);
   fftwf_execute_dft_c2r(plans_->inverse, reinterpret_cast<fftwf_complex*>(spectrum.data()),
-                        reinterpret_cast<float*>(image.data));
+                        reinterpret_cast<float*>(output.data));
+  if (output.data != image.data) output.copyTo(image);  // where the caller has it, which may be a piece of an array
 }
 
 const std::vector<int>& FrequencyBins::of(int rows, int cols) {
@@ -350,8 +349,8 @@ void NoiseSynthesis::synthesise(const RandomStream& stream, cv::Mat& noise_mm) c
   kept_draws.create(rows, half, CV_32F);
   auto& spectrum = kept_spectrum;
   cv::Mat& draws = kept_draws;
-  // A draw of 24 bits: 12 for the phase, 12 for the magnitude. 4096 of each are as good as a continuum here: the inverse
-  // DFT adds hundreds of thousands of them.
+  // A draw of 24 bits: 12 for the phase, 12 for the magnitude. 4096 of each are as good as a continuum here: the
+  // inverse DFT adds hundreds of thousands of them.
   constexpr int steps = 4096, band_rows = 16;
   static const std::vector<std::complex<float>> circle = [] {
     std::vector<std::complex<float>> table(steps);

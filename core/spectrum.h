@@ -31,8 +31,8 @@ class Fft2 {
 
   /// image: CV_32F rows x cols; spectrum: rows x half_cols, row-wise.
   void forward(const cv::Mat& image, std::vector<std::complex<float>>& spectrum) const;
-  /// Destroys `spectrum`. An image that is not a continuous, aligned CV_32F one of rows x cols becomes a new one: what
-  /// it was a view of is not written. Throws Error if the spectrum has another size.
+  /// Destroys `spectrum`. An image of rows x cols is written where it is, however it lies in memory. Throws Error if the
+  /// spectrum has another size.
   void inverse(std::vector<std::complex<float>>& spectrum, cv::Mat& image) const;
 
  private:

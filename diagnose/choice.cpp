@@ -39,7 +39,9 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
   if (std::abs(left_by_best - left_by_other) > least_gain) return {left_by_other < left_by_best, true};
   const double by_best = best.unexplained(), by_other = runner_up.unexplained();
   if (tracing()) fmt::print(stderr, "  unexplained by {:.2f}, by {:.2f}\n", by_best, by_other);
-  return {by_best == by_other ? left_by_other < left_by_best : by_other < by_best, false};
+  if (by_best != by_other) return {by_other < by_best, false};
+  if (best.parameters != runner_up.parameters) return {runner_up.parameters < best.parameters, false};
+  return {left_by_other < left_by_best, false};
 }
 
 bool makes_better(const Left& before, const Left& after, const Addition& addition) {
@@ -54,7 +56,7 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
   // Where nothing is unexplained any more, it may be twice that: masks do not come back to where they were.
   const bool explains_all = !before.unexplained.empty() && after.unexplained.empty();
   const bool gets_worse = (excess == 0 && rise >= (explains_all ? 2 : 1) * least_proper_gain) ||
-                          (rise >= hardly_worse && before.unexplained.empty());
+                          (rise >= hardly_worse && before.unexplained.empty()) || (rise > 0 && addition.draws);
   const double fall = addition.unproven ? std::max(hardly_rises, unproven_fall * excess) : least_fall * excess;
   if (!gets_worse && after.heldout <= before.heldout - fall) return true;
   if (addition.happens_or_not && leaves_less(before.unexplained, after.unexplained)) return true;

@@ -19,6 +19,7 @@ struct Contender {
   /// Gain that the other's signatures still have there, dispersion and what chance makes of them taken off.
   std::function<double()> left_for_other;
   std::function<double()> unexplained;  ///< excess
+  int parameters = 1;                   ///< of the effect that was added
 };
 
 struct Choice {
@@ -32,7 +33,7 @@ struct Choice {
 /// it is nearly the same (it sees the captures held out alone), less unexplained on either side; where something is
 /// left by the runner-up only, the best is added. Where neither leaves anything to speak of: the right one leaves
 /// nothing that the other would explain or, if what they leave each other differs by no more than `least_gain`, less
-/// unexplained. What is not needed is not asked for.
+/// unexplained; if that is equal, too, the one with fewer parameters. What is not needed is not asked for.
 Choice choose(const Contender& best, const Contender& runner_up, double least_gain);
 
 /// What a model leaves, everything fitted.
@@ -52,11 +53,15 @@ struct Addition {
   /// It lies in the model's randomness whether something happens at all: on the scale of the model with it, nothing was
   /// wrong before. What counts is what either model leaves in units of its own.
   bool happens_or_not = false;
+  /// It draws a map anew in each capture: it is part of the model's randomness, of which the proper score alone knows.
+  /// The held-out score falls by what else was fitted with it.
+  bool draws = false;
 };
 
 /// Is the model with one effect more better than the one before? What lowers neither the held-out score nor the proper
-/// one is no improvement. Where poses or intrinsics had gone further than the statistics say, to make up for something
-/// missing, they may go on: then it has to take half of what is left of the statistics, and lower the proper score.
+/// one is no improvement, nor is what draws and raises the proper one. Where poses or intrinsics had gone further than
+/// the statistics say, to make up for something missing, they may go on: then it has to take half of what is left of
+/// the statistics, and lower the proper score.
 bool makes_better(const Left& before, const Left& after, const Addition& addition);
 
 /// Does the other leave so much less that it is to take the place of the one in the model: by the proper score (0.01)

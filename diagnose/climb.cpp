@@ -237,7 +237,9 @@ class Climb {
     Adding::hold(found.refined, options);
     finish(next, options);
     const bool by_its_map = found.accepted.map && found.accepted.map_looks_random;
-    if (!climb(found.refined, std::move(next), {unproven, by_its_map, found.refined.happens_or_not})) return false;
+    if (!climb(found.refined, std::move(next),
+               {unproven, by_its_map, found.refined.happens_or_not, found.refined.draws}))
+      return false;
     leave_behind(climbed_.rungs[climbed_.rungs.size() - 2]);
     climbed_.options = options;
     climbed_.candidates.push_back(found.report);
@@ -345,12 +347,14 @@ class Climb {
 
   /// Which of the two stays: `chosen`, or what was added in its place.
   void contest(Chosen& chosen, const Refined& runner_up, Rung with, const std::vector<Signature>& signatures) const {
-    const auto contender = [&](const Rung& rung, const Refined& beside) {
+    const auto contender = [&](const Rung& rung, const Refined& added, const Refined& beside) {
       return Contender{rung.dispersion, proper_score(experiment_.layout(), rung),
                        [&] { return left_for(beside, rung, signatures); },
-                       [&] { return unexplained_excess(goodness_of_fit(experiment_.layout(), rung)); }};
+                       [&] { return unexplained_excess(goodness_of_fit(experiment_.layout(), rung)); },
+                       static_cast<int>(added.model.find(added.id)->values.size())};
     };
-    const Contender first = contender(chosen.rung, runner_up), follower = contender(with, *chosen.best);
+    const Contender first = contender(chosen.rung, *chosen.best, runner_up),
+                    follower = contender(with, runner_up, *chosen.best);
     if (tracing())
       fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", chosen.best->effect,
                  first.dispersion, first.proper_score, runner_up.effect, follower.dispersion, follower.proper_score);

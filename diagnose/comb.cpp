@@ -13,7 +13,7 @@
 namespace binrig {
 namespace {
 
-constexpr double far_better = 100;                     // of chi: what a wrong valley costs, and roughness not
+constexpr double far_better = 100;                     // of chi: what a wrong valley costs, and roughness hardly
 constexpr int values = 24;                             // tried to either side
 constexpr double near_factor = 1.5, as_good = 0.0001;  // of a step that was read off the values
 /// Relative. A hundred steps within the range shift by a fourteenth of one, then by less, and once more: noise that is
@@ -55,6 +55,7 @@ void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& mo
   const auto leaves_some = [&] {  // on train
     return std::ranges::any_of(unexplained(experiment.layout(), rung), [](const auto& left) { return left.second; });
   };
+  const auto train_score = [&](const Rung& of) { return proper_score(experiment.layout(), of, Part::train); };
   // Where several effects are missing, what a comb meets is theirs.
   if (steps.empty() || rung.dispersion > many_missing) return;
   for (const Step& step : steps)
@@ -65,8 +66,7 @@ void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& mo
       if (std::max(ratio, 1 / ratio) > near_factor || std::abs(ratio - 1) < as_good) continue;
       value = std::clamp(read.value, step.spec->lower, step.spec->upper);
       Rung other = fit_rung(experiment, motions, measured, model, {}, again);
-      const double before = proper_score(experiment.layout(), rung, Part::train),
-                   after = proper_score(experiment.layout(), other, Part::train);
+      const double before = train_score(rung), after = train_score(other);
       if (tracing())
         fmt::print(stderr, "{}.{} as read, {:.5g}: proper on train {:.5f} -> {:.5f}\n", step.id, step.spec->name,
                    read.value, before, after);
@@ -96,8 +96,10 @@ void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& mo
         fmt::print(stderr, "{}.{} combed: {:.5g}, then {:.5g}, chi {:.0f} less\n", step.id, step.spec->name, reached,
                    best.find(step.id)->value(step.spec->name), before - least);
     }
-    if (before - least < far_better * rung.dispersion) return;
-    rung = fit_rung(experiment, motions, measured, best, {}, again);
+    if (least >= before) return;
+    Rung other = fit_rung(experiment, motions, measured, best, {}, again);
+    if (before - least < far_better * rung.dispersion && train_score(other) >= train_score(rung)) return;
+    rung = std::move(other);
   }
 }
 

@@ -8,6 +8,8 @@
 namespace binrig {
 namespace {
 
+constexpr double beyond_chance = 6;  // of the spreads among simulations
+
 /// "poses" and "intrinsics" follow the segments of the statistics.
 std::size_t parts() { return segments().size() + 2; }
 std::string part_name(std::size_t s) {
@@ -59,12 +61,13 @@ double proper_score(const Layout& layout, const Rung& rung, Part part) {
   double proper = 0, known = 0;
   // Where the targets really stood is no fault of the model: rung.rest is free of it.
   const Whitened rest = rung.standard.with_modes(rung.rest);
-  for (const auto& block : layout.blocks) {
+  for (std::size_t b = 0; b < layout.blocks.size(); ++b) {
+    const Block& block = layout.blocks[b];
     if (part != Part::all && block.train != (part == Part::train)) continue;
+    proper += rung.standard.log_determinant(b);
     for (int i = block.offset; i < block.offset + block.size; ++i) {
-      const float s = rung.standard.spread()[i];
-      if (s <= 0) continue;
-      proper += static_cast<double>(rest[i]) * rest[i] + 2 * std::log(s);
+      if (rung.standard.spread()[i] <= 0) continue;
+      proper += static_cast<double>(rest[i]) * rest[i];
       known += 1;
     }
   }
@@ -176,8 +179,8 @@ std::vector<Score> scores(const Layout& layout, const std::vector<SceneMotion>& 
 
 bool SegmentFit::significant() const {
   // Both: beyond what chance does, and large enough to matter: half of what randomness and practical floor are
-  // together, or a tenth of that where chance is out of the question.
-  return (excess > 6 * spread && excess > 1) || (excess > 10 * spread && excess > 0.1);
+  // together, or a tenth of that where chance is out of the question, once or twice.
+  return excess > beyond_chance * spread && (excess > 1 || (excess > 0.1 && (excess > 10 * spread || on_both_parts)));
 }
 
 std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung) {
@@ -200,6 +203,10 @@ std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung) 
       result.push_back({part_name(s), part_group(s), train, ratio, measured[s] - mean, std::sqrt(variance)});
     }
   }
+  for (SegmentFit& fit : result)
+    fit.on_both_parts = std::ranges::count_if(result, [&](const SegmentFit& one) {
+                          return one.segment == fit.segment && one.excess > beyond_chance * one.spread;
+                        }) == 2;
   return result;
 }
 
@@ -211,8 +218,9 @@ Leftovers unexplained(const Layout& layout, const Rung& rung) {
 }
 
 bool needlessly_random(const Layout& layout, const Rung& rung) {
-  return std::ranges::any_of(goodness_of_fit(layout, rung),
-                             [](const SegmentFit& fit) { return fit.excess < -6 * fit.spread && fit.excess < -0.05; });
+  return std::ranges::any_of(goodness_of_fit(layout, rung), [](const SegmentFit& fit) {
+    return fit.excess < -beyond_chance * fit.spread && fit.excess < -0.05;
+  });
 }
 
 }  // namespace binrig

@@ -9,8 +9,9 @@
 
 namespace binrig {
 
-/// Squared residual plus logarithm of the rung's own variance, mean over what is known of the captures held out (or of
-/// another part): the smaller the better, and needless variance makes it larger.
+/// Squared whitened residual plus logarithm of the determinant of the rung's own covariance, per element known of the
+/// captures held out (or of another part): the smaller the better, and needless variance makes it larger. Source: the
+/// logarithmic score of a normal distribution, without its constant.
 double proper_score(const Layout& layout, const Rung& rung, Part part = Part::test);
 
 /// Scores of several models on the held-out captures, all in units of `last`'s randomness, its nuisances marginalised
@@ -30,9 +31,10 @@ std::vector<int> captures_that_stand_out(const Layout& layout, const Rung& rung)
 struct SegmentFit {
   std::string segment, group;
   bool train = true;
-  double ratio = 1;   ///< mean square of the residual over the simulations'
-  double excess = 0;  ///< the difference of these mean squares (1 = randomness and practical floor together)
-  double spread = 0;  ///< standard deviation of the mean square among the simulations
+  double ratio = 1;            ///< mean square of the residual over the simulations'
+  double excess = 0;           ///< the difference of these mean squares (1 = randomness and practical floor together)
+  double spread = 0;           ///< standard deviation of the mean square among the simulations
+  bool on_both_parts = false;  ///< beyond chance (six spreads) on train and on the captures held out
   bool significant() const;
 };
 std::vector<SegmentFit> goodness_of_fit(const Layout& layout, const Rung& rung);

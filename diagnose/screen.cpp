@@ -106,9 +106,10 @@ Step best_step(const Experiment& experiment, const Rung& rung, const std::vector
   Step best;
   const auto look = [&](const std::vector<Step>& lines) {
     std::vector<Step> found = lines;
-    const Shapes all = shapes_of(experiment, rung, cells, static_cast<int>(lines.size()), [&](const MapCell& cell, int k) {
-      return cell.x * std::cos(lines[k].angle) + cell.y * std::sin(lines[k].angle) > lines[k].offset ? 1. : 0.;
-    });
+    const Shapes all =
+        shapes_of(experiment, rung, cells, static_cast<int>(lines.size()), [&](const MapCell& cell, int k) {
+          return cell.x * std::cos(lines[k].angle) + cell.y * std::sin(lines[k].angle) > lines[k].offset ? 1. : 0.;
+        });
     for (std::size_t k = 0; k < lines.size(); ++k) {
       const int i = static_cast<int>(k);
       const double height = all.on_train[i] / (all.train(i, i) + 2);
@@ -131,11 +132,41 @@ Step best_step(const Experiment& experiment, const Rung& rung, const std::vector
   return best;
 }
 
-/// Height of a step where nothing is compressed: chi on train is least.
-double step_height(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells, const Step& step) {
+std::string step_formula(const Step& step, double height) {
+  return fmt::format(
+      "- formula: {{id: unexplained, stage: geometry, on: depth,\n"
+      "    expression: \"a*(x*{:.4f} + y*{:.4f} > {:.3f})\", parameters: {{a: {:.4g}}}}}",
+      std::cos(step.angle), std::sin(step.angle), step.offset, height);
+}
+
+/// A model with a formula effect as a user would paste it.
+SensorModel with_formula(SensorModel model, const std::string& formula, const EffectCatalogue& catalogue) {
+  const EffectInstance pasted =
+      parse_sensor_model("name: pasted\neffects:\n" + formula, "pasted", catalogue).effects[0];
+  const auto stage = [&](const EffectInstance& effect) { return effect.declaration(catalogue).stage; };
+  model.effects.insert(
+      std::ranges::find_if(model.effects, [&](const EffectInstance& effect) { return stage(effect) > stage(pasted); }),
+      pasted);
+  return model;
+}
+
+/// Height of a step where nothing is compressed: chi on train is least. What it makes of the bias is simulated: what
+/// blurs the depth blurs the step, and whitened sharply it would seem lower.
+double step_height(const Experiment& experiment, const Rung& rung, const Step& step) {
+  constexpr int seeds = 4;
+  std::vector<Trial> trials;
+  for (std::uint64_t k = 0; k < seeds; ++k)
+    for (const SensorModel& model :
+         {with_formula(rung.model, step_formula(step, step.height), experiment.forward().catalogue()), rung.model})
+      trials.push_back({model, rung.offsets, k + 1});
+  const auto simulated = experiment.simulate(trials, "simulating the formula");
   StatVector raw(experiment.layout().size, 0.f);
-  for (const MapCell& cell : cells)
-    raw[cell.index] = cell.x * std::cos(step.angle) + cell.y * std::sin(step.angle) > step.offset ? 1.f : 0.f;
+  for (const Block& block : experiment.layout().blocks) {
+    if (segments()[block.segment].name != "bias") continue;
+    for (int i = block.offset; i < block.offset + block.size; ++i)
+      for (int k = 0; k < seeds; ++k)
+        raw[i] += (simulated[2 * k][i] - simulated[2 * k + 1][i]) / static_cast<float>(seeds * step.height);
+  }
   const Whitened change = rung.standard.difference(raw);
   const auto chi = [&](double height) {
     Whitened y = rung.data;
@@ -229,12 +260,9 @@ void screen(const Experiment& experiment, const Rung& rung, const StatVector& da
       entry.shape =
           fmt::format("a step across a straight line in the image, normal at {:.0f} deg", step.angle * 180 / pi);
       if (depth) {
-        const double height = step_height(experiment, rung, cells, step);
+        const double height = step_height(experiment, rung, step);
         entry.shape += fmt::format(", {:.2g} mm high", std::abs(height));
-        entry.formula = fmt::format(
-            "- formula: {{id: unexplained, stage: geometry, on: depth,\n"
-            "    expression: \"a*(x*{:.4f} + y*{:.4f} > {:.3f})\", parameters: {{a: {:.4g}}}}}",
-            std::cos(step.angle), std::sin(step.angle), step.offset, height);
+        entry.formula = step_formula(step, height);
       }
       if (entry.covariates.empty()) entry.covariates = {"x", "y"};
     } else if (map > 1.3 * gains[0].first) {

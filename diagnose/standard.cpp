@@ -24,8 +24,7 @@ FrequencyBins all_rings([](int i, int j, int rows, int cols) {
 bool is_bias_map(const Block& block) { return segments()[block.segment].name == "bias"; }
 bool is_noise_map(const Block& block) { return segments()[block.segment].name == "noise"; }
 
-/// Filters a grid by a gain per ring of frequency, if `values` lie where FFTW takes them; else they stay as they are
-/// (Fft2::inverse), as three of four bias maps do. A known fault: docs/diagnosis.md, where it fails.
+/// Filters a grid by a gain per ring of frequency.
 void filter(float* values, int rows, int cols, const std::vector<float>& gain) {
   cv::Mat grid(rows, cols, CV_32F, values);
   const Fft2 fft(rows, cols);
@@ -182,6 +181,27 @@ Whitened Standard::with_modes(Whitened y) const {
   const Change back = (Change::Identity() + calm_).inverse() - Change::Identity();
   for (const auto& [b, modes] : modes_) modes.apply(back, y.data() + layout_->blocks[b].offset);
   return y;
+}
+
+double Standard::log_determinant(std::size_t b) const {
+  const Block& block = layout_->blocks[b];
+  double result = 0, known = 0;
+  for (int i = block.offset; i < block.offset + block.size; ++i)
+    if (spread_[i] > 0) result += 2 * std::log(spread_[i]), known += 1;
+  if (is_bias_map(block)) {
+    // Every frequency but those of the first and, where there is one, the middle column stands for its mirror, too. A
+    // map with holes is taken for a piece of one without.
+    const std::vector<int>& ring = all_rings.of(block.rows, block.cols);
+    const int half_cols = block.cols / 2 + 1;
+    for (std::size_t k = 0; k < ring.size(); ++k) {
+      const int col = static_cast<int>(k) % half_cols;
+      const int stands_for = col == 0 || 2 * col == block.cols ? 1 : 2;
+      result -= 2 * stands_for * std::log(ring_gain_[ring[k]]) * known / block.size;
+    }
+  } else if (small_[b].size() > 0) {
+    result -= 2 * small_[b].diagonal().array().log().sum();  // a triangle
+  }
+  return result;
 }
 
 Whitened Standard::difference(const StatVector& a) const {

@@ -38,6 +38,9 @@ class Standard {
   /// A whitened vector with these modes given back: every element in units of its own spread. What a map that moves as
   /// a whole says is less than it seems; what is wrong with it is not.
   Whitened with_modes(Whitened y) const;
+  /// ln of the determinant of the covariance of a block's known elements (index in the layout), by which with_modes(
+  /// difference()) whitens them: what their spreads make, less what is known of them from each other. 0 if none is known.
+  double log_determinant(std::size_t block) const;
   /// Standard deviation of each element before whitening, floor included; 0 = unknown.
   const std::vector<float>& spread() const { return spread_; }
 

@@ -67,6 +67,29 @@ TEST(Fft2, TakesViewsIntoLargerImages) {
   EXPECT_EQ(of_view, of_copy);
 }
 
+TEST(Fft2, WritesWhereTheCallerHasTheImageHoweverItLies) {
+  constexpr int rows = 6, cols = 10;
+  const Fft2 fft(rows, cols);
+  const RandomStream stream(3);
+  for (int offset = 0; offset < 9; ++offset) {  // of which at most every fourth is where FFTW would have it
+    std::vector<float> array(offset + rows * cols + 1, 77.f);
+    for (int i = 0; i < rows * cols; ++i) array[offset + i] = static_cast<float>(stream.normal(i));
+    const std::vector<float> before = array;
+    cv::Mat image(rows, cols, CV_32F, array.data() + offset);
+    std::vector<std::complex<float>> spectrum;
+    fft.forward(image, spectrum);
+    std::fill(array.begin() + offset, array.end() - 1, 0.f);
+    fft.inverse(spectrum, image);
+    for (int i = 0; i < rows * cols; ++i)
+      EXPECT_NEAR(array[offset + i] / (rows * cols), before[offset + i], 1e-5) << offset;
+    EXPECT_EQ(array.back(), 77.f);
+  }
+  cv::Mat large(rows + 2, cols + 3, CV_32F, cv::Scalar(5)), view = large(cv::Rect(1, 1, cols, rows));
+  std::vector<std::complex<float>> spectrum(static_cast<std::size_t>(rows) * fft.half_cols());
+  fft.inverse(spectrum, view);
+  EXPECT_EQ(cv::countNonZero(large), static_cast<int>(large.total()) - rows * cols);
+}
+
 TEST(Fft2, ManyThreadsGetTheSameNumbers) {
   std::vector<std::vector<std::complex<float>>> results(8);
   std::vector<std::thread> threads;

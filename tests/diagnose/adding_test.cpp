@@ -16,9 +16,10 @@ std::size_t focal_length(const std::vector<SceneMotion>& motions) {
   return m;
 }
 
-// The focal length is stated to 0.25 px of about 110 px: five of these are a focal error of 0.011.
+// The focal length is stated to 0.25 px of about 110 px: a focal error of 0.02 are nine of these. A fit that stands there
+// sees less, since half of what it leaves would be the effect's.
 TEST(Adding, TheLensGoesBackToWhereItIsStatedAndTheEffectTakesItsPart) {
-  constexpr double truth = 0.02, astray = 0.009;
+  constexpr double truth = 0.02, astray = 0.02;
   const SensorModel given = noise_alone(0.3);
   const Case c(model_with("focal_error", {{"error", truth}}), given);
   const std::size_t focal = focal_length(c.motions);

@@ -10,8 +10,8 @@ namespace {
 constexpr double least_gain = 16;
 
 /// Beside it the other's signatures gain `left`, and what is no randomness is `unexplained` in all.
-Contender contender(double dispersion, double proper_score, double left, double unexplained) {
-  return {dispersion, proper_score, [=] { return left; }, [=] { return unexplained; }};
+Contender contender(double dispersion, double proper_score, double left, double unexplained, int parameters = 1) {
+  return {dispersion, proper_score, [=] { return left; }, [=] { return unexplained; }, parameters};
 }
 
 /// One that must not be asked what would cost time.
@@ -30,6 +30,18 @@ Contender hurried(double dispersion, double proper_score) {
 TEST(UnexplainedExcess, IsOfWhatIsSignificantOnly) {
   const SegmentFit significant{"spectrum", "", true, 9, 4, 0.1}, by_chance{"noise", "", true, 1.1, 0.1, 0.1};
   EXPECT_EQ(unexplained_excess({significant, by_chance, significant}), 8);
+}
+
+TEST(SegmentFit, IsSignificantIfLargeAndBeyondChanceOrSmallAndBeyondItTwice) {
+  const auto fit = [](double excess, double spreads, bool on_both_parts = false) {
+    return SegmentFit{"bias", "", true, 1, excess, excess / spreads, on_both_parts};
+  };
+  EXPECT_TRUE(fit(1.1, 7).significant());
+  EXPECT_FALSE(fit(1.1, 5).significant()) << "chance";
+  EXPECT_FALSE(fit(0.15, 9).significant());
+  EXPECT_TRUE(fit(0.15, 11).significant());
+  EXPECT_TRUE(fit(0.15, 9, true).significant());
+  EXPECT_FALSE(fit(0.05, 50, true).significant()) << "too small to matter";
 }
 
 TEST(Choose, WhereSomethingIsLeftTheProperScoreDecides) {
@@ -73,6 +85,14 @@ TEST(Choose, WhereSignaturesDoNotKnowFewerUnexplainedStatisticsDecide) {
   EXPECT_TRUE(choose(contender(1.0, 0, 8, 1), contender(1.0, 0, 3, 1), least_gain).runner_up) << "at last a hair";
 }
 
+TEST(Choose, WhereNothingTellsThemApartTheOneWithFewerParametersComesFirst) {
+  // A wave far longer than the range of distances is an offset.
+  const Contender offset = contender(1.0, 0, 1.4, 0), wave = contender(1.0, 0, 1.2, 0, 3);
+  EXPECT_TRUE(choose(wave, offset, least_gain).runner_up);
+  EXPECT_FALSE(choose(offset, wave, least_gain).runner_up);
+  EXPECT_FALSE(choose(offset, wave, least_gain).clear) << "and the other is a rival";
+}
+
 TEST(LeavesLess, OnlyIfNothingNewIsUnexplained) {
   const Leftovers before{{"bias", true}, {"noise", true}, {"noise", false}};
   EXPECT_TRUE(leaves_less(before, {{"noise", true}}));
@@ -101,6 +121,13 @@ TEST(MakesBetter, WhatLowersTheHeldOutScoreOrTheProperOne) {
   EXPECT_FALSE(makes_better(before, {2.15, -3.02, {}, 2.15}, {})) << "at the expense of captures held out";
   EXPECT_FALSE(makes_better({0.9, -3.0, {}, 0.9}, {0.8, -2.99, {}, 0.8}, {})) << "chance, below the floor";
   EXPECT_FALSE(makes_better({2, -3.0, {}, 2}, {1.9, -2.99, {}, 1.9}, {})) << "nothing was unexplained";
+}
+
+TEST(MakesBetter, WhatDrawsHasToLowerTheProperScore) {
+  const Left before{1.13, -3.012, {{"comb", true}}, 1.13};
+  EXPECT_TRUE(makes_better(before, {1.08, -2.988, {{"comb", true}}, 1.08}, {}));
+  EXPECT_FALSE(makes_better(before, {1.08, -2.988, {{"comb", true}}, 1.08}, {.draws = true}));
+  EXPECT_TRUE(makes_better(before, {1.08, -3.02, {{"comb", true}}, 1.08}, {.draws = true}));
 }
 
 TEST(MakesBetter, BelowTheFloorWhatExplainsAllThatWasUnexplainedMayCostTwiceAsMuch) {
