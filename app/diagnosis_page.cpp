@@ -85,7 +85,7 @@ void ladder_section(Page& page, const Diagnosis& diagnosis) {
   const Score& last = diagnosis.ladder.back().score;
   table.caption = fmt::format(
       "The last model's own simulations score {} .. {} (95 %). The proper score (mean squared "
-      "whitened residual plus logarithm of the variance, lower is better) punishes a model that "
+      "whitened residual plus logarithm of the determinant of the covariance, lower is better) punishes a model that "
       "only got noisier.",
       significant(last.band_low), significant(last.band_high));
   page.table(table);
