@@ -297,22 +297,30 @@ void check_sensor_model(SensorModel& model, const EffectCatalogue& catalogue) {
   violations.throw_if_any("the sensor model " + model.name + " is not usable");
 }
 
-EffectInstance& add_effect(SensorModel& model, const EffectCatalogue& catalogue, const std::string& effect,
-                           const std::map<std::string, double>& values) {
-  EffectInstance instance;
-  instance.effect = effect;
-  const EffectDeclaration* declaration = catalogue.find(effect);
-  if (!declaration) throw Error("there is no effect named " + effect);
-  instance.id = effect;
-  for (int n = 2; model.find(instance.id); ++n) instance.id = effect + "_" + std::to_string(n);
-  for (const auto& [name, value] : values) instance.values[name].value = value;
+std::string free_id(const SensorModel& model, const std::string& wanted) {
+  std::string id = wanted;
+  for (int n = 2; model.find(id); ++n) id = wanted + "_" + std::to_string(n);
+  return id;
+}
+
+EffectInstance& add_effect(SensorModel& model, const EffectCatalogue& catalogue, EffectInstance instance) {
+  instance.id = free_id(model, instance.id);
+  const auto stage = [&](const EffectInstance& effect) { return effect.declaration(catalogue).stage; };
   std::size_t index = 0;
-  for (std::size_t i = 0; i < model.effects.size(); ++i) {
-    if (model.effects[i].declaration(catalogue).stage <= declaration->stage) index = i + 1;
-  }
-  model.effects.insert(model.effects.begin() + static_cast<std::ptrdiff_t>(index), instance);
+  for (std::size_t i = 0; i < model.effects.size(); ++i)
+    if (stage(model.effects[i]) <= stage(instance)) index = i + 1;
+  model.effects.insert(model.effects.begin() + static_cast<std::ptrdiff_t>(index), std::move(instance));
   check_sensor_model(model, catalogue);
   return model.effects[index];
+}
+
+EffectInstance& add_effect(SensorModel& model, const EffectCatalogue& catalogue, const std::string& effect,
+                           const std::map<std::string, double>& values) {
+  if (!catalogue.find(effect)) throw Error("there is no effect named " + effect);
+  EffectInstance instance;
+  instance.effect = instance.id = effect;
+  for (const auto& [name, value] : values) instance.values[name].value = value;
+  return add_effect(model, catalogue, std::move(instance));
 }
 
 // -------------------------------------------------------------------------------------------------- writing

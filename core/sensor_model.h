@@ -93,8 +93,13 @@ SensorModel parse_sensor_model(const std::string& yaml_text, const std::string& 
 /// in code.
 void check_sensor_model(SensorModel& model, const EffectCatalogue& catalogue);
 
-/// The instance at its place among the stages: after the last instance whose stage is not later. Values are initial
-/// unless given. The id is the effect's name, with _2, _3 ... where taken.
+/// `wanted`, with _2, _3 ... where an instance of the model has it.
+std::string free_id(const SensorModel& model, const std::string& wanted);
+
+/// Puts the instance at its place among the stages: after the last one whose stage is not later. Its id is made free;
+/// absent values are initial. The name of an effect stands for an instance with that id. Throws Error as
+/// check_sensor_model does, and where the catalogue has no such effect.
+EffectInstance& add_effect(SensorModel& model, const EffectCatalogue& catalogue, EffectInstance instance);
 EffectInstance& add_effect(SensorModel& model, const EffectCatalogue& catalogue, const std::string& effect,
                            const std::map<std::string, double>& values = {});
 

@@ -188,8 +188,8 @@ class Climb {
       fmt::print(stderr, "step {} gate {:.1f} dispersion {:.2f}\n", climbed_.rungs.size() - 1, found.gate,
                  last().dispersion);
       for (const auto& r : found.refined)
-        fmt::print(stderr, "  {} linear {:.1f} price {:.1f} gate {:.1f} train {:.1f} test {:.1f}\n", r.effect,
-                   r.linear_gain, r.price, r.gate, r.train_gain, r.test_gain);
+        fmt::print(stderr, "  {} linear {:.1f} price {:.1f} gate {:.1f} train {:.1f} test {:.1f} share {:.3f}\n",
+                   r.effect, r.linear_gain, r.price, r.gate, r.train_gain, r.test_gain, r.share);
     }
     climbed_.unconfirmed.clear();
     for (const Refined* candidate : found.unconfirmed(search_options_))

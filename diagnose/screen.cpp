@@ -132,21 +132,24 @@ Step best_step(const Experiment& experiment, const Rung& rung, const std::vector
   return best;
 }
 
-std::string step_formula(const Step& step, double height) {
+/// A formula effect's YAML, to be pasted into the model: one that was pasted before keeps its id.
+std::string formula_effect(const SensorModel& model, const std::string& expression, const std::string& parameters) {
   return fmt::format(
-      "- formula: {{id: unexplained, stage: geometry, on: depth,\n"
-      "    expression: \"a*(x*{:.4f} + y*{:.4f} > {:.3f})\", parameters: {{a: {:.4g}}}}}",
-      std::cos(step.angle), std::sin(step.angle), step.offset, height);
+      "- formula: {{id: {}, stage: geometry, on: depth, expression: \"{}\",\n"
+      "    parameters: {{{}}}}}",
+      free_id(model, "unexplained"), expression, parameters);
+}
+
+std::string step_formula(const SensorModel& model, const Step& step, double height) {
+  return formula_effect(
+      model, fmt::format("a*(x*{:.4f} + y*{:.4f} > {:.3f})", std::cos(step.angle), std::sin(step.angle), step.offset),
+      fmt::format("a: {:.4g}", height));
 }
 
 /// A model with a formula effect as a user would paste it.
 SensorModel with_formula(SensorModel model, const std::string& formula, const EffectCatalogue& catalogue) {
-  const EffectInstance pasted =
-      parse_sensor_model("name: pasted\neffects:\n" + formula, "pasted", catalogue).effects[0];
-  const auto stage = [&](const EffectInstance& effect) { return effect.declaration(catalogue).stage; };
-  model.effects.insert(
-      std::ranges::find_if(model.effects, [&](const EffectInstance& effect) { return stage(effect) > stage(pasted); }),
-      pasted);
+  add_effect(model, catalogue,
+             parse_sensor_model("name: pasted\neffects:\n" + formula, "pasted", catalogue).effects[0]);
   return model;
 }
 
@@ -157,7 +160,8 @@ double step_height(const Experiment& experiment, const Rung& rung, const Step& s
   std::vector<Trial> trials;
   for (std::uint64_t k = 0; k < seeds; ++k)
     for (const SensorModel& model :
-         {with_formula(rung.model, step_formula(step, step.height), experiment.forward().catalogue()), rung.model})
+         {with_formula(rung.model, step_formula(rung.model, step, step.height), experiment.forward().catalogue()),
+          rung.model})
       trials.push_back({model, rung.offsets, k + 1});
   const auto simulated = experiment.simulate(trials, "simulating the formula");
   StatVector raw(experiment.layout().size, 0.f);
@@ -182,8 +186,8 @@ double step_height(const Experiment& experiment, const Rung& rung, const Step& s
   return (low + high) / 2;
 }
 
-/// A parabola of the change over a covariate, as a formula effect's YAML.
-std::string curve_formula(const std::vector<MapCell>& cells, std::size_t covariate) {
+/// A parabola of the change over a covariate.
+std::string curve_formula(const SensorModel& model, const std::vector<MapCell>& cells, std::size_t covariate) {
   const std::string& name = covariates()[covariate].in_formulas;
   if (name.empty()) return "";
   Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
@@ -198,10 +202,8 @@ std::string curve_formula(const std::vector<MapCell>& cells, std::size_t covaria
   a.diagonal().array() += 1e-9;
   const Eigen::Vector3d c = a.ldlt().solve(b);
   const std::string variable = name == "I" ? "ln(I)" : name;
-  return fmt::format(
-      "- formula: {{id: unexplained, stage: geometry, on: depth, expression: \"a0 + a1*{0} + a2*{0}^2\",\n"
-      "    parameters: {{a0: {1:.4g}, a1: {2:.4g}, a2: {3:.4g}}}}}",
-      variable, c[0], c[1], c[2]);
+  return formula_effect(model, fmt::format("a0 + a1*{0} + a2*{0}^2", variable),
+                        fmt::format("a0: {:.4g}, a1: {:.4g}, a2: {:.4g}", c[0], c[1], c[2]));
 }
 
 /// Gains on captures held out of everything that a map's remainder is held against.
@@ -262,7 +264,7 @@ void screen(const Experiment& experiment, const Rung& rung, const StatVector& da
       if (depth) {
         const double height = step_height(experiment, rung, step);
         entry.shape += fmt::format(", {:.2g} mm high", std::abs(height));
-        entry.formula = step_formula(step, height);
+        entry.formula = step_formula(rung.model, step, height);
       }
       if (entry.covariates.empty()) entry.covariates = {"x", "y"};
     } else if (map > 1.3 * gains[0].first) {
@@ -270,7 +272,7 @@ void screen(const Experiment& experiment, const Rung& rung, const StatVector& da
       if (entry.covariates.empty()) entry.covariates = {"x", "y"};
     } else {
       entry.shape = "a curve over " + covariates()[gains[0].second].name;
-      if (depth) entry.formula = curve_formula(cells, gains[0].second);
+      if (depth) entry.formula = curve_formula(rung.model, cells, gains[0].second);
     }
   }
 }

@@ -15,12 +15,10 @@ constexpr double in_common = 0.1;  // cosine of what two effects change, below w
 
 /// Where a model bent its parameters to the train captures, those held out show better what it lacks.
 bool significant_on_train(const Refined& candidate, const SearchOptions& options) {
-  const double gate = std::max(candidate.gate, options.least_train_gain), gain = candidate.train_gain - candidate.price;
-  const bool held_out_show_it = gain > options.least_train_gain && candidate.test_gain > options.beyond_doubt * gate;
-  // Beside maps that are drawn cell by cell everything else is a trifle.
-  const bool no_resemblance = std::min(gain, candidate.test_gain) > options.no_resemblance * gate;
-  return candidate.share > (no_resemblance ? options.least_share_then : options.least_share) &&
-         (gain > gate || held_out_show_it);
+  const double gate = std::max(candidate.gate, options.least_train_gain);
+  const bool held_out_show_it = candidate.train_gain - candidate.price > options.least_train_gain &&
+                                candidate.test_gain > options.beyond_doubt * gate;
+  return candidate.share > options.least_share && (candidate.train_gain - candidate.price > gate || held_out_show_it);
 }
 
 bool happens_beyond_doubt(const Refined& candidate, const SearchOptions& options) {

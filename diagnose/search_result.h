@@ -65,8 +65,7 @@ struct SearchOptions {
   double far_ahead_on_train = 3;  ///< what did not prove itself is tried where it gains so many times what did on train
   double least_test_gain = 9;     ///< three standard deviations of an effect that is known
   double least_train_gain = 16;
-  double least_share = 0.02;  ///< of the excess: in a large remainder, chance resemblances gain, too;
-  double no_resemblance = 5, least_share_then = 0.005;  ///< but not so many gates, on train and on captures held out
+  double least_share = 0.02;  ///< of the excess: in a large remainder, chance resemblances gain, too
 };
 
 struct SearchResult {

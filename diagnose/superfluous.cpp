@@ -13,6 +13,7 @@ namespace {
 
 constexpr double far_worse = 0.5, far_worse_share = 0.02;  // of a held-out score, and of what is left of it
 constexpr double hardly_worse = 0.0025;                    // of a proper score, an element
+constexpr double hardly_more = 0.02;                       // of a held-out score
 constexpr double hardly_its_own = 0.1;                     // share of what an addition took from a held-out score
 
 struct HeldOut {
@@ -50,6 +51,8 @@ bool take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
     const CandidateReport& candidate = climbed.candidates[k];
     const EffectDeclaration& effect = last.model.find(candidate.id)->declaration(experiment.forward().catalogue());
     const bool is_last = k + 1 == climbed.candidates.size();
+    const double slack =
+        may_be_nothing(last.fit, half_intervals(last.fit, last.dispersion), candidate.id, effect) ? hardly_more : 0;
     if (is_last && !strength_is_open(experiment, motions, last, candidate.id, effect, climbed.options.seed)) break;
     const SensorModel model = without_effect(last.model, candidate.id);
     RungOptions again = climbed.options;
@@ -80,13 +83,13 @@ bool take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
       return now.without - now.with < hardly_its_own * (before - now.with) &&
              std::ranges::includes(unexplained(layout, last), unexplained(layout, rung));
     };
-    bool superfluous = judged.without <= judged.with && nobody_misses_it();
+    bool superfluous = judged.without <= judged.with + slack && nobody_misses_it();
     if (!superfluous && !judged.far_off()) {
       without = fit_rung(experiment, motions, measured, model, last.offsets, again);
       judged = held_out(experiment, motions, measured, last, without);
       if (tracing())
         fmt::print(stderr, "  {} left out: held-out {:.3f} -> {:.3f}\n", candidate.id, judged.with, judged.without);
-      superfluous = judged.without <= judged.with || (is_last && others_brought_it(without, judged));
+      superfluous = judged.without <= judged.with + slack || (is_last && others_brought_it(without, judged));
     }
     if (!superfluous) {
       ++k;

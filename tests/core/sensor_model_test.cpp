@@ -134,6 +134,11 @@ TEST(SensorModel, AnAddedEffectTakesItsPlaceAmongTheStages) {
   std::vector<std::string> ids;
   for (const EffectInstance& instance : model.effects) ids.push_back(instance.id);
   EXPECT_EQ(ids, (std::vector<std::string>{"bow", "bow_2", "window", "grain"}));
+  EffectInstance again = *model.find("window");
+  again.values["amplitude"].value = 1;
+  EXPECT_EQ(add_effect(model, catalogue(), again).id, "window_2");
+  EXPECT_EQ(model.effects[3].id, "window_2");
+  EXPECT_EQ(model.effects[3].value("amplitude"), 1);
   EXPECT_THROW(add_effect(model, catalogue(), "window", {{"amplitude", 7}}), Error);
   EXPECT_THROW(add_effect(model, catalogue(), "nothing"), Error);
 }

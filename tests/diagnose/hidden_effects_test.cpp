@@ -157,6 +157,17 @@ TEST(Screen, AStepAcrossALineIsFoundWithItsPlaceAndHeight) {
   EXPECT_NEAR(place, values["place"], 0.031);
   // Poses lean into a step; how far is known to their prior only.
   EXPECT_NEAR(height, values["amplitude"], 0.2 * std::abs(values["amplitude"]));
+
+  // Pasted, it is a model; and what is found beside it can be pasted beside it.
+  const auto pasted = [](const std::string& formulas) {
+    return parse_sensor_model("effects:\n" + formulas, "pasted", effect_catalogue());
+  };
+  Rung beside = look.rung;
+  add_effect(beside.model, effect_catalogue(), pasted(entries[0].formula).effects.at(0));
+  std::vector<Unexplained> second(1);
+  second[0].segment = "bias", second[0].ratio = entries[0].ratio;
+  screen(look.experiment, beside, look.measured.all, second);
+  EXPECT_EQ(pasted(entries[0].formula + "\n" + second[0].formula).effects.at(1).id, "unexplained_2");
 }
 
 TEST(UnitMap, LengthAndStrengthOfAHiddenPatternAreReadOffIt) {

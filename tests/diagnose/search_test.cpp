@@ -192,24 +192,6 @@ struct TwoCaptures {
   }
 };
 
-TEST(SearchResult, ATrifleOfWhatIsLeftIsNamedOnlyWhereBothHalvesShowItFarBeyondTheGate) {
-  const SearchOptions options;
-  const auto accepted = [&](double share, double train, double test) {
-    Refined trifle;
-    trifle.gate = 27;
-    trifle.share = share;
-    trifle.train_gain = train;
-    trifle.test_gain = test;
-    return !with_one(trifle).accepted(options).empty();
-  };
-  EXPECT_TRUE(accepted(0.03, 100, 50));
-  EXPECT_FALSE(accepted(0.015, 100, 50)) << "a chance resemblance";
-  EXPECT_TRUE(accepted(0.015, 780, 360));
-  EXPECT_FALSE(accepted(0.015, 780, 100)) << "on train alone";
-  EXPECT_FALSE(accepted(0.015, 100, 360)) << "on the captures held out alone";
-  EXPECT_FALSE(accepted(0.004, 780, 360));
-}
-
 TEST(StandingBeside, ThoseThatMoveOtherThingsAndGainMuchInTheirOrder) {
   const TwoCaptures two;
   const Refined best = two.moving("best", 1, 1000), apart = two.moving("apart", 2, 900),
