@@ -16,9 +16,10 @@
 namespace binrig {
 namespace {
 
-constexpr int short_frames = 3;        // of the last pass; fewest_frames of those before
-constexpr int fewest_simulations = 8;  // where many are missing
-constexpr double lacks_much = 2;       // dispersion
+constexpr int short_frames = 3;         // of the last pass; fewest_frames of those before
+constexpr int fewest_simulations = 8;   // where many are missing
+constexpr double lacks_much = 2;        // dispersion
+constexpr double far_from_nominal = 4;  // in prior sigmas: worth a line of the trace
 
 /// What registration leaves open of where targets stand, drawn at random: by draw, in prior sigmas.
 std::vector<std::vector<double>> drawn_places(const std::vector<SceneMotion>& motions, int count, std::uint64_t seed) {
@@ -178,6 +179,20 @@ bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalog
   });
 }
 
+std::vector<Offset> offsets_for(const Experiment& experiment, const std::vector<SceneMotion>& motions,
+                                const Measurement& measured, const RungOptions& options, const Rung& rung,
+                                const SensorModel& model) {
+  FitOptions only_targets;
+  only_targets.part = Part::all;
+  only_targets.seed = options.seed + 500;
+  only_targets.place = values_of(motions, rung.offsets);
+  only_targets.motions = &motions;
+  const Metric metric(experiment.layout(), Part::all, motion_rows(experiment.layout(), rung.standard, motions));
+  return fit_model(experiment, rung.standard, metric, rung.standard.linear(measured.all), model, {}, rung.offsets,
+                   only_targets)
+      .offsets;
+}
+
 Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
               const SensorModel& start, const std::vector<Offset>& offsets, const RungOptions& options) {
   const Layout& layout = experiment.layout();
@@ -252,17 +267,7 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     rung.offsets = rung.fit.offsets;
   }
 
-  if (options.passes > 0) {  // the targets of all captures where the fitted model wants them
-    const auto rows = motion_rows(layout, rung.standard, motions);
-    FitOptions only_targets;
-    only_targets.part = Part::all;
-    only_targets.seed = options.seed + 500;
-    only_targets.place = values_of(motions, rung.offsets);
-    only_targets.motions = &motions;
-    rung.offsets = fit_model(experiment, rung.standard, Metric(layout, Part::all, rows),
-                             rung.standard.linear(measured.all), rung.model, {}, rung.offsets, only_targets)
-                       .offsets;
-  }
+  if (options.passes > 0) rung.offsets = offsets_for(experiment, motions, measured, options, rung, rung.model);
 
   auto rows = learn_randomness(experiment, motions, measured, options, rung);
 
@@ -315,8 +320,10 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
   rung.nuisances = std::move(remains.nuisances);
   if (tracing())
     for (std::size_t m = 0; m < motions.size(); ++m)
-      if (motions[m].capture < 0)
-        fmt::print(stderr, "  intrinsic {} at {:.2f} sigmas, simulated at {:.2f}\n", motions[m].element,
+      if (motions[m].capture < 0 || std::abs(rung.nuisances[m]) > far_from_nominal)
+        fmt::print(stderr, "  {} {} of {} at {:.2f} sigmas, simulated at {:.2f}\n",
+                   motions[m].capture < 0 ? "intrinsic" : "motion", motions[m].element,
+                   motions[m].capture < 0 ? "the lens" : experiment.captures()[motions[m].capture].name,
                    rung.nuisances[m], rung.place[m]);
   rung.train_stated = remains.train_stated;
   rung.test_stated = remains.test_stated;
