@@ -179,20 +179,6 @@ bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalog
   });
 }
 
-std::vector<Offset> offsets_for(const Experiment& experiment, const std::vector<SceneMotion>& motions,
-                                const Measurement& measured, const RungOptions& options, const Rung& rung,
-                                const SensorModel& model) {
-  FitOptions only_targets;
-  only_targets.part = Part::all;
-  only_targets.seed = options.seed + 500;
-  only_targets.place = values_of(motions, rung.offsets);
-  only_targets.motions = &motions;
-  const Metric metric(experiment.layout(), Part::all, motion_rows(experiment.layout(), rung.standard, motions));
-  return fit_model(experiment, rung.standard, metric, rung.standard.linear(measured.all), model, {}, rung.offsets,
-                   only_targets)
-      .offsets;
-}
-
 Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
               const SensorModel& start, const std::vector<Offset>& offsets, const RungOptions& options) {
   const Layout& layout = experiment.layout();
@@ -267,7 +253,17 @@ Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& moti
     rung.offsets = rung.fit.offsets;
   }
 
-  if (options.passes > 0) rung.offsets = offsets_for(experiment, motions, measured, options, rung, rung.model);
+  if (options.passes > 0) {  // the targets of all captures where the fitted model wants them
+    const auto rows = motion_rows(layout, rung.standard, motions);
+    FitOptions only_targets;
+    only_targets.part = Part::all;
+    only_targets.seed = options.seed + 500;
+    only_targets.place = values_of(motions, rung.offsets);
+    only_targets.motions = &motions;
+    rung.offsets = fit_model(experiment, rung.standard, Metric(layout, Part::all, rows),
+                             rung.standard.linear(measured.all), rung.model, {}, rung.offsets, only_targets)
+                       .offsets;
+  }
 
   auto rows = learn_randomness(experiment, motions, measured, options, rung);
 

@@ -66,13 +66,6 @@ std::vector<std::string> parameters_bent(const Rung& rung, const SensorModel& gi
 /// True if any of the model's effects has a need that a few frames do not show.
 bool needs_whole_series(const SensorModel& model, const EffectCatalogue& catalogue);
 
-/// Where the targets of all captures are to stand for `model`, registered from where the rung has them by simulations
-/// short of frames, in the rung's units; nothing else is fitted. `options`: with which the rung was fitted. Throws what
-/// simulating throws.
-std::vector<Offset> offsets_for(const Experiment& experiment, const std::vector<SceneMotion>& motions,
-                                const Measurement& measured, const RungOptions& options, const Rung& rung,
-                                const SensorModel& model);
-
 /// Fits poses and parameters from a start and learns the model's randomness.
 Rung fit_rung(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Measurement& measured,
               const SensorModel& start, const std::vector<Offset>& offsets, const RungOptions& options);

@@ -34,10 +34,7 @@ void settle_down(const Experiment& experiment, const std::vector<SceneMotion>& m
   for (int k = 0; k < most_steps; ++k) {
     const LastStep step = last_step(experiment, motions, rung, priors, series, options.seed);
     if (share * step.length < least_length) return;
-    const SensorModel model = stepped(step, priors, share);
-    // Targets stand where the parameters wanted them (a delay moves what moves): slopes hold over no such way.
-    const std::vector<Offset> offsets = offsets_for(experiment, motions, measured, options, rung, model);
-    Rung next = made_anew(experiment, motions, measured, model, offsets, options, priors);
+    Rung next = made_anew(experiment, motions, measured, stepped(step, priors, share), rung.offsets, options, priors);
     const double now = proper_score(experiment.layout(), rung, Part::train),
                  then = proper_score(experiment.layout(), next, Part::train);
     if (tracing()) fmt::print(stderr, "  settling: proper on train {:.4f} -> {:.4f}\n", now, then);
