@@ -99,7 +99,7 @@ bool take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
         "{} was added and{} taken out again: without it the error on captures held out is {} larger ({:.3g} with it, "
         "{:.3g} without)",
         candidate.effect, is_last ? ", since what was fitted with it is what helped," : ", with what came after it,",
-        is_last ? "hardly" : "no", judged.with, judged.without));
+        judged.without > judged.with ? "hardly" : "no", judged.with, judged.without));
     RungOptions options = climbed.options;
     options.narrow = again.narrow;
     Rung next = fit_rung(experiment, motions, measured, model, last.offsets, options);
