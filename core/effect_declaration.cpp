@@ -7,7 +7,7 @@
 
 namespace binrig {
 namespace {
-constexpr const char* names_of_stages[] = {"geometry", "matching", "signal_mask", "amplitude", "noise",
+constexpr const char* names_of_stages[] = {"view", "geometry", "matching", "signal_mask", "amplitude", "noise",
                                            "spatial",  "quantise", "temporal",    "device",    "storage"};
 }
 

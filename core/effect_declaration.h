@@ -11,8 +11,21 @@
 
 namespace binrig {
 
-/// In the order in which they act. Inside a stage the order of the model file counts.
-enum class Stage { geometry, matching, signal_mask, amplitude, noise, spatial, quantise, temporal, device, storage };
+/// In the order in which they act. Inside a stage the order of the model file counts. What looks elsewhere (view) comes
+/// first: errors of depth are those at the place that is seen.
+enum class Stage {
+  view,
+  geometry,
+  matching,
+  signal_mask,
+  amplitude,
+  noise,
+  spatial,
+  quantise,
+  temporal,
+  device,
+  storage
+};
 const char* stage_name(Stage stage);
 std::optional<Stage> stage_from_name(const std::string& name);
 std::vector<std::string> stage_names();

@@ -86,6 +86,8 @@ class Experiment {
   const StatisticContext& context(int capture) const { return contexts_[capture]; }
   /// Perfect channels of the nominal scene (first frame): what the statistics read.
   const Channels& nominal(int capture) const { return *nominal_[capture]; }
+  /// The same of another frame: what the statistics read it by. One object for all frames of a scene that stands still.
+  std::shared_ptr<const Channels> nominal_at(int capture, int frame) const;
   std::shared_ptr<const CaptureRegions> regions(int capture) const { return regions_[capture]; }
   bool repeats() const;
 
@@ -110,7 +112,6 @@ class Experiment {
 
  private:
   void put(int capture, const std::vector<RawStatistic>& raw, StatVector& vector) const;
-  std::shared_ptr<const Channels> nominal_at(int capture, int frame) const;
   void simulate_capture(const Trial& trial, int capture, StatVector& vector) const;
   using SeenAt = std::function<std::shared_ptr<const Channels>(int frame)>;
   /// Simulates so many frames and writes their statistics, relative to what is `seen`, to the capture's blocks.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
 
 #include "compare/statistics/grid.h"
 #include "core/parallel.h"
@@ -16,30 +17,54 @@ constexpr double near_rad = 1e-3, near_mm = 0.3;  // to which targets are regist
 constexpr float largest_change_mm = 5.f;          // beyond: another surface came into the pixel
 constexpr float rounding_mm = 1e-3f;              // of float depth
 
+/// A frame of a capture as its statistics read it: perfect depth of the nominal scene and the pixels that count.
+struct View {
+  int frame = 0;
+  std::shared_ptr<const Channels> nominal;
+  std::shared_ptr<const CaptureRegions> regions;
+};
+
+/// The frames that stand for a capture. One does, unless the target moves: then other pixels are interior in each. What
+/// a quarter of all frames see in a row, as much as a bias map asks for, one of five evenly spaced ones sees.
+std::vector<View> views_of(const Experiment& experiment, int capture) {
+  std::vector<View> views{{0, experiment.nominal_at(capture, 0), experiment.regions(capture)}};
+  const StatisticContext& context = experiment.context(capture);
+  const int last = context.frames - 1, most = std::min(4, last);
+  if (!context.motion) return views;
+  for (int i = 1; i <= most; ++i) {
+    const int frame = i * last / most;
+    const auto nominal = experiment.nominal_at(capture, frame);
+    views.push_back({frame, nominal, std::make_shared<CaptureRegions>(*nominal, context)});
+  }
+  return views;
+}
+
 /// Bias map's change (mm a sigma, by central difference) for an offset of one sigma and its opposite.
 std::vector<std::pair<int, float>> change_of(const Experiment& experiment, const SensorModel& model, int capture,
-                                             const Offset& plus, const Offset& minus) {
+                                             const std::vector<View>& views, const Offset& plus, const Offset& minus) {
   const Block* block = experiment.layout().find(capture, "bias");
   if (!block) return {};
-  const auto wanted = static_cast<ChannelSet>(Channel::depth);
-  const auto high = experiment.forward().perfect(capture, 0, plus, wanted, model);
-  const auto low = experiment.forward().perfect(capture, 0, minus, wanted, model);
-  cv::Mat change = cv::Mat::zeros(high->depth_mm.size(), CV_32F), mask = cv::Mat::zeros(change.size(), CV_32F);
-  const cv::Mat& nominal = experiment.nominal(capture).depth_mm;
-  const cv::Mat& interior = experiment.regions(capture)->interior;
-  for (std::size_t p = 0; p < change.total(); ++p) {
-    const float a = high->depth_mm.ptr<float>()[p], b = low->depth_mm.ptr<float>()[p];
-    if (a <= 0 || b <= 0 || interior.ptr<float>()[p] == 0 || std::abs(a - b) > largest_change_mm) continue;
-    // A small step that passes through the pixel: it is on one side or on the other, and what smooths depth spreads it.
-    if (std::abs(0.5f * (a + b) - nominal.ptr<float>()[p]) > 0.25f * std::abs(a - b) + rounding_mm) continue;
-    change.ptr<float>()[p] = 0.5f * (a - b);
-    mask.ptr<float>()[p] = 1;
-  }
   const StatisticContext& context = experiment.context(capture);
   const Grid grid(context, context.bin_px());
   std::vector<double> sums(grid.size()), counts(grid.size());
-  grid.add(change, mask, sums);
-  grid.add(mask, mask, counts);
+  const auto wanted = static_cast<ChannelSet>(Channel::depth);
+  for (const View& view : views) {
+    const auto high = experiment.forward().perfect(capture, view.frame, plus, wanted, model);
+    const auto low = experiment.forward().perfect(capture, view.frame, minus, wanted, model);
+    cv::Mat change = cv::Mat::zeros(high->depth_mm.size(), CV_32F), mask = cv::Mat::zeros(change.size(), CV_32F);
+    const float *nominal = view.nominal->depth_mm.ptr<float>(), *interior = view.regions->interior.ptr<float>();
+    for (std::size_t p = 0; p < change.total(); ++p) {
+      const float a = high->depth_mm.ptr<float>()[p], b = low->depth_mm.ptr<float>()[p];
+      if (a <= 0 || b <= 0 || interior[p] == 0 || std::abs(a - b) > largest_change_mm) continue;
+      // A small step that passes through the pixel: it is on one side or on the other, and what smooths depth spreads
+      // it.
+      if (std::abs(0.5f * (a + b) - nominal[p]) > 0.25f * std::abs(a - b) + rounding_mm) continue;
+      change.ptr<float>()[p] = 0.5f * (a - b);
+      mask.ptr<float>()[p] = 1;
+    }
+    grid.add(change, mask, sums);
+    grid.add(mask, mask, counts);
+  }
   std::vector<std::pair<int, float>> result;
   for (int i = 0; i < grid.size(); ++i)
     if (counts[i] > 0) result.emplace_back(block->offset + i, static_cast<float>(sums[i] / counts[i]));
@@ -90,6 +115,7 @@ std::vector<SceneMotion> scene_motions(const Experiment& experiment, const Senso
   std::vector<std::vector<std::vector<std::pair<int, float>>>> shared(
       3, std::vector<std::vector<std::pair<int, float>>>(captures));
   parallel_for(captures, [&](int c) {
+    const std::vector<View> views = views_of(experiment, c);
     for (auto& motion : motions) {
       if (motion.capture >= 0 && motion.capture != c) continue;
       // Rotations of a thousandth and shifts of a millimetre are small, and large against rounding of float depth.
@@ -97,7 +123,7 @@ std::vector<SceneMotion> scene_motions(const Experiment& experiment, const Senso
       Offset plus, minus;
       set(plus, motion.element, step);
       set(minus, motion.element, -step);
-      auto change = change_of(experiment, model, c, plus, minus);
+      auto change = change_of(experiment, model, c, views, plus, minus);
       for (auto& [index, value] : change) value *= static_cast<float>(motion.sigma / step);
       if (motion.capture >= 0)
         motion.change = std::move(change);

@@ -19,7 +19,7 @@ RegistrationPrior registration_prior(const SetInfo& set, const Camera& camera);
 /// what the maps change by when one of them moves by one prior sigma. Masks and edges move, too, but by less than their
 /// own scatter; they get it through random poses in the simulations that the spread is learned from.
 /// Its change is taken from interior pixels in which depth follows it smoothly: where a step passes through a pixel,
-/// nothing is said.
+/// nothing is said. Of a target that moves, from frames of its whole way.
 struct SceneMotion {
   int capture = -1;                           ///< -1: an intrinsic, touches all
   int element = 0;                            ///< of Offset::pose, or 6, 7, 8 = focal length, cx, cy

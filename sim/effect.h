@@ -86,10 +86,11 @@ class Run {
   virtual void apply(Layers& layers, const Channels& channels, const FrameInstant& instant) = 0;
 };
 
-/// An effect that looks at another view than the nominal one: another lens, another instant. Depth becomes what is seen
-/// there, plus what earlier effects had added to the nominal one; where it meets nothing the pixel becomes no_surface,
-/// where only it meets something, valid. Effects that come after read their channels from that view, too: a shadow is
-/// where the lens sees it. Of two such effects both differences of depth are kept, and the later one's view is read.
+/// An effect of Stage::view: it looks at another view than the nominal one, through another lens, at another instant.
+/// Depth becomes what is seen there, plus what earlier effects had added to the nominal one; where it meets nothing the
+/// pixel becomes no_surface, where only it meets something, valid. Effects that come after read their channels from that
+/// view, too: a shadow is where the lens sees it. Of two such effects both differences of depth are kept, and the later
+/// one's view is read.
 class OtherView : public Run {
  public:
   /// `nominal`: whatever effects came before.

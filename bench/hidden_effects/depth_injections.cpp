@@ -34,7 +34,7 @@ std::pair<float, float> range_around(const cv::Mat_<float>& z, const cv::Mat_<uc
 
 /// The whole instrument looks elsewhere or earlier: what is seen is replaced before anything else happens.
 Injection other_view(double (*focal_factor)(const Values&), double (*delay_s)(const Values&)) {
-  return {Stage::geometry, [=](const Values& p, const Stand& stand) -> Act {
+  return {Stage::view, [=](const Values& p, const Stand& stand) -> Act {
             return [=](Shot& shot, Dice&) {
               shot.seen = stand.look(shot.number, shot.time_s - delay_s(p), focal_factor(p), nullptr, ~0u);
               shot.seen->depth_mm.copyTo(shot.z);

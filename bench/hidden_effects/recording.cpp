@@ -49,10 +49,8 @@ struct Part {
 };
 
 void in_order_of_stages(std::vector<Part>& parts) {
-  std::stable_sort(parts.begin(), parts.end(), [](const Part& a, const Part& b) {
-    const auto first = [](const Part& p) { return p.name == "focal_error" || p.name == "latency"; };
-    return std::pair(a.injection->stage, !first(a)) < std::pair(b.injection->stage, !first(b));
-  });
+  std::stable_sort(parts.begin(), parts.end(),
+                   [](const Part& a, const Part& b) { return a.injection->stage < b.injection->stage; });
 }
 
 /// One capture of a set, frame by frame.
@@ -220,7 +218,7 @@ bench::Recording record_on_top(const SceneForwardModel& forward, const SensorMod
   std::vector<Part> parts;
   for (const HiddenEffect& effect : hidden) {
     const Injection& how = injection(effect.name);
-    if (how.stage == Stage::amplitude || effect.name == "focal_error" || effect.name == "latency")
+    if (how.stage == Stage::view || how.stage == Stage::amplitude)
       throw Error(effect.name + " acts on what the sensor sees, and that is over when a frame has been recorded");
     parts.push_back({effect.name, effect.values, &how});
   }

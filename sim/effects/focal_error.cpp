@@ -37,7 +37,7 @@ const Effect& focal_error() {
   static const Effect effect{
       {.name = "focal_error",
        .phenomenon = "The stated focal length is wrong: tilts and edges come out at the wrong place.",
-       .stage = Stage::geometry,
+       .stage = Stage::view,
        .formula = "the scene along the ray ((1 + error) x, (1 + error) y, 1) where the camera file says (x, y, 1)",
        .citation = "plain pinhole geometry",
        .deviation = "",

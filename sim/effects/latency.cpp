@@ -32,7 +32,7 @@ class Latency : public OtherView {
 const Effect& latency() {
   static const Effect effect{{.name = "latency",
                               .phenomenon = "Moving things appear where they were a moment ago.",
-                              .stage = Stage::geometry,
+                              .stage = Stage::view,
                               .formula = "the scene of t - delay",
                               .citation = "plain delay",
                               .deviation = "",

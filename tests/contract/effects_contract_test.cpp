@@ -289,6 +289,11 @@ TEST_P(EveryEffect, DrawsAreKeyedAsDeclared) {
   }
 }
 
+TEST_P(EveryEffect, LooksElsewhereInTheFirstStageOrNotAtAll) {
+  const auto run = effect().begin(instance_of(effect()), capture().context);
+  EXPECT_EQ(dynamic_cast<const OtherView*>(run.get()) != nullptr, declaration().stage == Stage::view);
+}
+
 TEST_P(EveryEffect, ReasonsAreOnlyGained) {
   const std::vector<Layers> before = busy(), after = apply_all(instance_of(effect()), busy());
   for (int i = 0; i < frames; ++i) {

@@ -20,6 +20,23 @@ TEST(Latency, ApproachingPlaneIsSeenSpeedTimesDelayTooFar) {
   }
 }
 
+// Where depth is wrong depends on depth, and that is the depth of then.
+TEST(Latency, ErrorsOfDepthAreThoseOfTheSceneThatIsSeenThoughTheyWereInTheModelBefore) {
+  constexpr float speed_mm_s = 50, delay_s = 0.2;
+  test::AnalyticScene moving = test::plane_scene(800), then = test::plane_scene(800 + speed_mm_s * delay_s);
+  moving.velocity_mm_per_s = Vector3(0, 0, -speed_mm_s);
+  SensorModel locking;
+  locking.effects = {test::make_instance("pixel_locking", {{"amplitude", 0.2}})};
+  SensorModel late = locking;
+  add_effect(late, effect_catalogue(), "latency", {{"delay", delay_s}});
+  const auto first_frame = [](const SensorModel& model, const test::AnalyticScene& scene) {
+    const CaptureContext context = test::analytic_context(scene, test::small_camera());
+    const auto channels = test::analytic_channels(scene, context.camera, context.projector_xyz_mm, 800, 0);
+    return SensorRun(model, context).frame(*channels, {}).depth_mm;
+  };
+  EXPECT_LT(cv::norm(first_frame(late, moving), first_frame(locking, then), cv::NORM_INF), 1e-3);
+}
+
 TEST(Latency, IsListedWhereNothingMoves) {
   const CaptureContext context = test::analytic_context(test::plane_scene(800), test::small_camera());
   SensorModel model;
