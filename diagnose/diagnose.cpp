@@ -82,6 +82,11 @@ class Findings {
       diagnosis_.unexplained.push_back(entry);
     }
     climbed_.evidence.unexplained_segments.assign(unexplained.begin(), unexplained.end());
+    if (!unexplained.contains("bias") && bias_goes_with_something(experiment_, climbed_.rungs.back(), measured_.all)) {
+      climbed_.evidence.screen_finds_something = true;
+      for (const auto& fit : fits)
+        if (fit.segment == "bias" && !fit.train) diagnosis_.unexplained.push_back({fit.group, fit.segment, fit.ratio});
+    }
     diagnosis_.verdict = judge(climbed_.evidence);
     screen(experiment_, climbed_.rungs.back(), measured_.all, diagnosis_.unexplained);
   }

@@ -56,8 +56,7 @@ std::vector<std::pair<int, float>> change_of(const Experiment& experiment, const
     for (std::size_t p = 0; p < change.total(); ++p) {
       const float a = high->depth_mm.ptr<float>()[p], b = low->depth_mm.ptr<float>()[p];
       if (a <= 0 || b <= 0 || interior[p] == 0 || std::abs(a - b) > largest_change_mm) continue;
-      // A small step that passes through the pixel: it is on one side or on the other, and what smooths depth spreads
-      // it.
+      // A small step passes through the pixel: it is on one side or on the other, and what smooths depth spreads it.
       if (std::abs(0.5f * (a + b) - nominal[p]) > 0.25f * std::abs(a - b) + rounding_mm) continue;
       change.ptr<float>()[p] = 0.5f * (a - b);
       mask.ptr<float>()[p] = 1;

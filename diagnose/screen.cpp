@@ -11,6 +11,7 @@
 #include "core/parallel.h"
 #include "diagnose/cells.h"
 #include "diagnose/trace.h"
+#include "diagnose/unit_map.h"
 
 namespace binrig {
 namespace {
@@ -23,18 +24,31 @@ constexpr double pi = 3.14159265358979323846;
 /// Shapes in the statistics that are fitted to the residual on train, as hypotheses are: whitened like it, with what
 /// poses, lens and the model's own parameters could make of them taken out.
 struct Shapes {
-  Eigen::MatrixXd train, test;  ///< Gram matrices
+  std::vector<Whitened> changes[2];  ///< on train, on test
+  Eigen::MatrixXd train, test;       ///< Gram matrices
   Eigen::VectorXd on_train, on_test;
 
   /// Coefficients from train, about zero with a prior worth two cells of unit variance.
-  Eigen::VectorXd coefficients() const {
+  Eigen::VectorXd coefficients(const Eigen::VectorXd& of_train) const {
     Eigen::MatrixXd a = train;
     a.diagonal().array() += 2;
-    return a.ldlt().solve(on_train);
+    return a.ldlt().solve(of_train);
   }
   double heldout_gain() const {
-    const Eigen::VectorXd c = coefficients();
+    const Eigen::VectorXd c = coefficients(on_train);
     return 2 * c.dot(on_test) - c.dot(test * c);
+  }
+  /// Of a residual: by how many standard deviations of chance the captures held out agree with what train says of the
+  /// shapes. A standard normal number where the two have nothing in common but chance.
+  double agreement(const Eigen::VectorXd& of_train, const Eigen::VectorXd& of_test) const {
+    const Eigen::VectorXd c = coefficients(of_train);
+    const double variance = c.dot(test * c);
+    return variance > 0 ? c.dot(of_test) / std::sqrt(variance) : 0;
+  }
+  Eigen::VectorXd product(const Whitened& residual, int part) const {
+    Eigen::VectorXd result(changes[part].size());
+    for (int k = 0; k < result.size(); ++k) result[k] = dot(changes[part][k], residual);
+    return result;
   }
 };
 
@@ -42,7 +56,8 @@ struct Shapes {
 Shapes shapes_of(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells, int count,
                  const std::function<double(const MapCell&, int)>& value) {
   Shapes shapes;
-  std::vector<Whitened> train(count), test(count);
+  auto& [train, test] = shapes.changes;
+  train.resize(count), test.resize(count);
   parallel_for(count, [&](int k) {
     StatVector raw(experiment.layout().size, 0.f);
     for (const MapCell& cell : cells) raw[cell.index] = static_cast<float>(value(cell, k));
@@ -56,45 +71,35 @@ Shapes shapes_of(const Experiment& experiment, const Rung& rung, const std::vect
   });
   shapes.train.resize(count, count);
   shapes.test.resize(count, count);
-  shapes.on_train.resize(count);
-  shapes.on_test.resize(count);
   parallel_for(count, [&](int k) {
     for (int j = 0; j <= k; ++j) {
       shapes.train(k, j) = shapes.train(j, k) = dot(train[k], train[j]);
       shapes.test(k, j) = shapes.test(j, k) = dot(test[k], test[j]);
     }
-    shapes.on_train[k] = dot(train[k], rung.rest);
-    shapes.on_test[k] = dot(test[k], rung.rest);
   });
+  shapes.on_train = shapes.product(rung.rest, 0);
+  shapes.on_test = shapes.product(rung.rest, 1);
   return shapes;
 }
 
 /// A covariate cut into classes of equal number.
-double curve_gain(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells,
-                  std::size_t covariate) {
+Shapes curve(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells, std::size_t covariate) {
   std::vector<double> sorted;
   for (const auto& cell : cells) sorted.push_back(cell.covariates[covariate]);
   std::sort(sorted.begin(), sorted.end());
   std::vector<double> edges;
   for (int h = 1; h < hats; ++h) edges.push_back(sorted[sorted.size() * h / hats]);
-  return shapes_of(experiment, rung, cells, hats,
-                   [&](const MapCell& cell, int k) {
-                     return std::upper_bound(edges.begin(), edges.end(), cell.covariates[covariate]) - edges.begin() ==
-                                    k
-                                ? 1.
-                                : 0.;
-                   })
-      .heldout_gain();
+  return shapes_of(experiment, rung, cells, hats, [&](const MapCell& cell, int k) {
+    return std::upper_bound(edges.begin(), edges.end(), cell.covariates[covariate]) - edges.begin() == k ? 1. : 0.;
+  });
 }
 
-double map_gain(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells) {
-  return shapes_of(experiment, rung, cells, map_cols * map_rows,
-                   [](const MapCell& cell, int k) {
-                     const int col = std::clamp(static_cast<int>((cell.x + 1) / 2 * map_cols), 0, map_cols - 1);
-                     const int row = std::clamp(static_cast<int>((cell.y + 0.75) / 1.5 * map_rows), 0, map_rows - 1);
-                     return row * map_cols + col == k ? 1. : 0.;
-                   })
-      .heldout_gain();
+Shapes map_in_the_image(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells) {
+  return shapes_of(experiment, rung, cells, map_cols * map_rows, [](const MapCell& cell, int k) {
+    const int col = std::clamp(static_cast<int>((cell.x + 1) / 2 * map_cols), 0, map_cols - 1);
+    const int row = std::clamp(static_cast<int>((cell.y + 0.75) / 1.5 * map_rows), 0, map_rows - 1);
+    return row * map_cols + col == k ? 1. : 0.;
+  });
 }
 
 struct Step {
@@ -216,9 +221,9 @@ struct ShapeGains {
 ShapeGains gains_of_shapes(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells) {
   ShapeGains gains;
   for (std::size_t k = 0; k < covariates().size(); ++k)
-    gains.curves.emplace_back(curve_gain(experiment, rung, cells, k), k);
+    gains.curves.emplace_back(curve(experiment, rung, cells, k).heldout_gain(), k);
   std::sort(gains.curves.rbegin(), gains.curves.rend());
-  gains.map = map_gain(experiment, rung, cells);
+  gains.map = map_in_the_image(experiment, rung, cells).heldout_gain();
   gains.step = best_step(experiment, rung, cells);
   return gains;
 }
@@ -232,6 +237,28 @@ bool has_simple_shape(const Experiment& experiment, const Rung& rung, const Stat
   const double simple = std::max(gains.step.gain, gains.curves[0].first);
   if (tracing()) fmt::print(stderr, "  bias: a simple shape gains {:.0f}, a pattern {:.0f}\n", simple, gains.map);
   return simple > 0.7 * gains.map;
+}
+
+bool bias_goes_with_something(const Experiment& experiment, const Rung& rung, const StatVector& data) {
+  constexpr double beyond_chance = 6;  // standard deviations, as for squares
+  const auto cells = cells_of(experiment, rung, data, "bias");
+  if (cells.size() < 200) return false;
+  const std::vector<Whitened> nulls = left_of_nulls(rung);
+  double most = 0;
+  const auto look = [&](const std::string& what, const Shapes& shapes) {
+    std::vector<double> chance(nulls.size());
+    parallel_for(static_cast<int>(nulls.size()), [&](int k) {
+      chance[k] = shapes.agreement(shapes.product(nulls[k], 0), shapes.product(nulls[k], 1));
+    });
+    double square = 0;
+    for (const double z : chance) square += z * z / static_cast<double>(nulls.size());
+    const double z = shapes.agreement(shapes.on_train, shapes.on_test), spread = std::sqrt(std::max(1.0, square));
+    if (tracing()) fmt::print(stderr, "  bias goes with {} by {:.2f} (chance {:.2f})\n", what, z, spread);
+    most = std::max(most, z / spread);
+  };
+  look("place in the image", map_in_the_image(experiment, rung, cells));
+  for (std::size_t k = 0; k < covariates().size(); ++k) look(covariates()[k].name, curve(experiment, rung, cells, k));
+  return most > beyond_chance;
 }
 
 void screen(const Experiment& experiment, const Rung& rung, const StatVector& data, std::vector<Unexplained>& entries) {

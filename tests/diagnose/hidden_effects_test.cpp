@@ -89,7 +89,7 @@ TEST_P(HiddenEffect, IsNamedFirst) {
 
 INSTANTIATE_TEST_SUITE_P(OfTheCatalogue, HiddenEffect,
                          ::testing::Values("radial_distortion", "row_noise", "depth_offset", "disparity_quantisation",
-                                           "depth_units", "dead_pixels", "mismatch_outliers", "frame_repeat"),
+                                           "dead_pixels", "mismatch_outliers", "frame_repeat"),
                          [](const auto& info) { return std::string(info.param); });
 
 TEST(HiddenEffects, ARingInTheSpectrumIsToldFromTheModelsOwnNoise) {
@@ -112,7 +112,7 @@ TEST(HiddenEffects, NothingHiddenNothingNamed) {
 }
 
 TEST(HiddenEffects, AnEffectThatNoCatalogueHasIsUnknown) {
-  const Diagnosis diagnosis = answer({"outside", {"step_across_a_line"}, Strength::strong, 1});
+  const Diagnosis diagnosis = answer({"outside", {"step_across_a_line"}, Strength::strong, 1}, 1);
   EXPECT_EQ(diagnosis.verdict, Verdict::unknown_effect) << diagnosis.headline;
   ASSERT_FALSE(diagnosis.unexplained.empty());
 }
