@@ -36,9 +36,10 @@ function(binrig_precompile target)
   endif()
 endfunction()
 
-# binrig_tests(NAME [LINK target...]): every *_test.cpp of tests/NAME as one program, each test known to ctest.
+# binrig_tests(NAME [TOGETHER] [LINK target...]): every *_test.cpp of tests/NAME as one program, each test known to
+# ctest; TOGETHER: the program is one test, where starting it takes longer than a test of it.
 function(binrig_tests name)
-  cmake_parse_arguments(ARG "" "" "LINK" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "" "LINK" ${ARGN})
   file(GLOB sources CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/tests/${name}/*.cpp)
   if(NOT sources)
     return()
@@ -46,6 +47,11 @@ function(binrig_tests name)
   add_executable(${name}_tests ${sources})
   target_link_libraries(${name}_tests PRIVATE ${ARG_LINK} binrig_test_support GTest::gtest_main GTest::gmock)
   binrig_precompile(${name}_tests)
+  if(ARG_TOGETHER)
+    add_test(NAME ${name}_tests COMMAND ${name}_tests WORKING_DIRECTORY ${CMAKE_SOURCE_DIR})
+    set_tests_properties(${name}_tests PROPERTIES TIMEOUT 300)
+    return()
+  endif()
   gtest_discover_tests(${name}_tests DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 300
     WORKING_DIRECTORY ${CMAKE_SOURCE_DIR})
 endfunction()

@@ -401,10 +401,13 @@ class Climb {
     // What is weak hardly bent the others: beginning anew may have cost more than it gains.
     climbed_.rungs.back() = adding_.to(climbed_.rungs[climbed_.rungs.size() - 2], best, climbed_.options, false);
     if (improves()) return true;
+    const char* how = after.heldout >= before.heldout             ? "did not fall"
+                      : after.proper_score >= before.proper_score ? "fell, but the proper score rose"
+                                                                  : "fell by too little";
     climbed_.warnings.push_back(
-        fmt::format("{} was tried next and taken out again: with it the error on captures held out did not fall "
-                    "({:.3g} to {:.3g})",
-                    best.effect, before.heldout, after.heldout));
+        fmt::format("{} was tried next and taken out again: with it the error on captures held out {} "
+                    "({:.3g} to {:.3g}; proper score {:.4g} to {:.4g})",
+                    best.effect, how, before.heldout, after.heldout, before.proper_score, after.proper_score));
     climbed_.rungs.pop_back();
     return false;
   }
