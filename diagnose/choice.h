@@ -53,13 +53,14 @@ struct Addition {
   /// It lies in the model's randomness whether something happens at all: on the scale of the model with it, nothing was
   /// wrong before. What counts is what either model leaves in units of its own.
   bool happens_or_not = false;
-  /// It draws a map anew in each capture: it is part of the model's randomness, of which the proper score alone knows.
-  /// The held-out score falls by what else was fitted with it.
+  /// It draws a map anew in each capture: it is part of the model's randomness, of which the proper score alone knows
+  /// (here proper_score_without_floor_of_bias). The held-out score falls by what else was fitted with it.
   bool draws = false;
 };
 
 /// Is the model with one effect more better than the one before? What lowers neither the held-out score nor the proper
-/// one is no improvement, nor is what draws and raises the proper one. Where poses or intrinsics had gone further than
+/// one is no improvement, nor is what draws and raises the proper one. Where nothing stays unexplained, the least that
+/// the proper one falls by is enough. Where poses or intrinsics had gone further than
 /// the statistics say, to make up for something missing, they may go on: then it has to take half of what is left of
 /// the statistics, and lower the proper score.
 bool makes_better(const Left& before, const Left& after, const Addition& addition);

@@ -271,7 +271,7 @@ class Climb {
     Adding::hold(hypothesis, options);
     Rung next = adding_.to(rung, hypothesis, options, false);
     finish(next, options);
-    const auto [before, after] = left_by(rung, next);
+    const auto [before, after] = left_by(rung, next, false);
     if (tracing())
       fmt::print(stderr, "  {} for {}: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", other.effect,
                  candidate.effect, before.heldout, after.heldout, before.proper_score, after.proper_score);
@@ -374,12 +374,14 @@ class Climb {
            refined.price;
   }
 
-  /// What two models leave that come one after the other, the second one's randomness being the scale.
-  std::pair<Left, Left> left_by(const Rung& one, const Rung& next) const {
+  /// What two models leave that come one after the other, the second one's randomness being the scale. `draws`: see
+  /// Addition.
+  std::pair<Left, Left> left_by(const Rung& one, const Rung& next, bool draws) const {
     const Layout& layout = experiment_.layout();
     const auto judged = scores(layout, motions_, next, measured_.all, {&one, &next});
     const auto of = [&](const Score& score, const Rung& rung) {
-      return Left{score.heldout, proper_score(layout, rung), unexplained(layout, rung), score.statistics};
+      const double proper = draws ? proper_score_without_floor_of_bias(layout, rung) : proper_score(layout, rung);
+      return Left{score.heldout, proper, unexplained(layout, rung), score.statistics};
     };
     return {of(judged[0], one), of(judged[1], next)};
   }
@@ -390,7 +392,8 @@ class Climb {
     climbed_.rungs.push_back(std::move(next));
     Left before, after;
     const auto improves = [&] {
-      std::tie(before, after) = left_by(climbed_.rungs[climbed_.rungs.size() - 2], climbed_.rungs.back());
+      std::tie(before, after) =
+          left_by(climbed_.rungs[climbed_.rungs.size() - 2], climbed_.rungs.back(), addition.draws);
       if (tracing())
         fmt::print(stderr, "  {} added: held-out {:.4f} ({:.4f}) -> {:.4f} ({:.4f}), proper {:.4f} -> {:.4f}\n",
                    best.effect, before.heldout, before.statistics, after.heldout, after.statistics, before.proper_score,

@@ -14,6 +14,11 @@ namespace binrig {
 /// logarithmic score of a normal distribution, without its constant.
 double proper_score(const Layout& layout, const Rung& rung, Part part = Part::test);
 
+/// The same on captures held out, the bias not in units of its spread, which has the practical floor in it, but of what
+/// the rung's own simulations (it must have its nulls) leave of it. Where that floor is as wide as the noise, half of
+/// what an effect draws is in it already, and the other score asks too high a price for the draws.
+double proper_score_without_floor_of_bias(const Layout& layout, const Rung& rung);
+
 /// Scores of several models on the held-out captures, all in units of `last`'s randomness, its nuisances marginalised
 /// but for the parameters of effects that a model lacks: they must not make up for it.
 std::vector<Score> scores(const Layout& layout, const std::vector<SceneMotion>& motions, const Rung& last,

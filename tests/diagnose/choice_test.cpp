@@ -123,6 +123,15 @@ TEST(MakesBetter, WhatLowersTheHeldOutScoreOrTheProperOne) {
   EXPECT_FALSE(makes_better({2, -3.0, {}, 2}, {1.9, -2.99, {}, 1.9}, {})) << "nothing was unexplained";
 }
 
+TEST(MakesBetter, WhatExplainsAllNeedOnlyLowerTheProperScoreWhereTheHeldOutOneHardlyMoves) {
+  const Left before{1.187, -4.3148, {{"poses", true}, {"poses", false}}, 0.983};
+  EXPECT_TRUE(makes_better(before, {1.193, -4.3195, {}, 0.980}, {}));
+  EXPECT_FALSE(makes_better(before, {1.193, -4.3195, {{"poses", false}}, 0.980}, {}));
+  EXPECT_FALSE(makes_better(before, {1.193, -4.3148, {}, 0.980}, {}));
+  EXPECT_FALSE(makes_better(before, {1.3, -4.3195, {}, 0.980}, {}));
+  EXPECT_FALSE(makes_better(before, {1.193, -4.3195, {}, 0.980}, {.unproven = true}));
+}
+
 TEST(MakesBetter, WhatDrawsHasToLowerTheProperScore) {
   const Left before{1.13, -3.012, {{"comb", true}}, 1.13};
   EXPECT_TRUE(makes_better(before, {1.08, -2.988, {{"comb", true}}, 1.08}, {}));

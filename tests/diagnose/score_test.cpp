@@ -21,5 +21,19 @@ TEST(NeedlesslyRandom, AModelWhoseUnitsDifferByWhatTheRecordingLacks) {
   EXPECT_FALSE(is_needless(0.5, 0.01)) << "it lacks something";
 }
 
+// Draws that are there must pay for themselves, and draws that are not must not, however small they are beside the
+// practical floor.
+TEST(ProperScoreWithoutFloorOfBias, IsBestForTheRightModelWhereTheFloorIsAsWideAsTheNoise) {
+  const SensorModel plain = noise_alone(0.04);
+  SensorModel speckled = plain;
+  add_effect(speckled, effect_catalogue(), "speckle_noise", {{"amplitude", 0.02}, {"correlation_length", 6}});
+  const auto score = [](const SensorModel& truth, const SensorModel& model) {
+    const Case c(truth, model);
+    return proper_score_without_floor_of_bias(c.experiment.layout(), c.fitted({.simulations = 16, .passes = 0}));
+  };
+  EXPECT_LT(score(speckled, speckled), score(speckled, plain));
+  EXPECT_LT(score(plain, plain), score(plain, speckled));
+}
+
 }  // namespace
 }  // namespace binrig
