@@ -18,7 +18,7 @@ constexpr float largest_change_mm = 5.f;          // beyond: another surface cam
 constexpr float rounding_mm = 1e-3f;              // of float depth
 
 /// A frame of a capture as its statistics read it: perfect depth of the nominal scene and the pixels that count.
-struct View {
+struct SampledFrame {
   int frame = 0;
   std::shared_ptr<const Channels> nominal;
   std::shared_ptr<const CaptureRegions> regions;
@@ -26,33 +26,34 @@ struct View {
 
 /// The frames that stand for a capture. One does, unless the target moves: then other pixels are interior in each. What
 /// a quarter of all frames see in a row, as much as a bias map asks for, one of five evenly spaced ones sees.
-std::vector<View> views_of(const Experiment& experiment, int capture) {
-  std::vector<View> views{{0, experiment.nominal_at(capture, 0), experiment.regions(capture)}};
+std::vector<SampledFrame> sampled_frames(const Experiment& experiment, int capture) {
+  std::vector<SampledFrame> frames{{0, experiment.nominal_at(capture, 0), experiment.regions(capture)}};
   const StatisticContext& context = experiment.context(capture);
   const int last = context.frames - 1, most = std::min(4, last);
-  if (!context.motion) return views;
+  if (!context.motion) return frames;
   for (int i = 1; i <= most; ++i) {
     const int frame = i * last / most;
     const auto nominal = experiment.nominal_at(capture, frame);
-    views.push_back({frame, nominal, std::make_shared<CaptureRegions>(*nominal, context)});
+    frames.push_back({frame, nominal, std::make_shared<CaptureRegions>(*nominal, context)});
   }
-  return views;
+  return frames;
 }
 
 /// Bias map's change (mm a sigma, by central difference) for an offset of one sigma and its opposite.
 std::vector<std::pair<int, float>> change_of(const Experiment& experiment, const SensorModel& model, int capture,
-                                             const std::vector<View>& views, const Offset& plus, const Offset& minus) {
+                                             const std::vector<SampledFrame>& frames, const Offset& plus,
+                                             const Offset& minus) {
   const Block* block = experiment.layout().find(capture, "bias");
   if (!block) return {};
   const StatisticContext& context = experiment.context(capture);
   const Grid grid(context, context.bin_px());
   std::vector<double> sums(grid.size()), counts(grid.size());
   const auto wanted = static_cast<ChannelSet>(Channel::depth);
-  for (const View& view : views) {
-    const auto high = experiment.forward().perfect(capture, view.frame, plus, wanted, model);
-    const auto low = experiment.forward().perfect(capture, view.frame, minus, wanted, model);
+  for (const SampledFrame& sampled : frames) {
+    const auto high = experiment.forward().perfect(capture, sampled.frame, plus, wanted, model);
+    const auto low = experiment.forward().perfect(capture, sampled.frame, minus, wanted, model);
     cv::Mat change = cv::Mat::zeros(high->depth_mm.size(), CV_32F), mask = cv::Mat::zeros(change.size(), CV_32F);
-    const float *nominal = view.nominal->depth_mm.ptr<float>(), *interior = view.regions->interior.ptr<float>();
+    const float *nominal = sampled.nominal->depth_mm.ptr<float>(), *interior = sampled.regions->interior.ptr<float>();
     for (std::size_t p = 0; p < change.total(); ++p) {
       const float a = high->depth_mm.ptr<float>()[p], b = low->depth_mm.ptr<float>()[p];
       if (a <= 0 || b <= 0 || interior[p] == 0 || std::abs(a - b) > largest_change_mm) continue;
@@ -114,7 +115,7 @@ std::vector<SceneMotion> scene_motions(const Experiment& experiment, const Senso
   std::vector<std::vector<std::vector<std::pair<int, float>>>> shared(
       3, std::vector<std::vector<std::pair<int, float>>>(captures));
   parallel_for(captures, [&](int c) {
-    const std::vector<View> views = views_of(experiment, c);
+    const std::vector<SampledFrame> frames = sampled_frames(experiment, c);
     for (auto& motion : motions) {
       if (motion.capture >= 0 && motion.capture != c) continue;
       // Rotations of a thousandth and shifts of a millimetre are small, and large against rounding of float depth.
@@ -122,7 +123,7 @@ std::vector<SceneMotion> scene_motions(const Experiment& experiment, const Senso
       Offset plus, minus;
       set(plus, motion.element, step);
       set(minus, motion.element, -step);
-      auto change = change_of(experiment, model, c, views, plus, minus);
+      auto change = change_of(experiment, model, c, frames, plus, minus);
       for (auto& [index, value] : change) value *= static_cast<float>(motion.sigma / step);
       if (motion.capture >= 0)
         motion.change = std::move(change);

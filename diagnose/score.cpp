@@ -75,26 +75,22 @@ double proper_score(const Layout& layout, const Rung& rung, Part part) {
 }
 
 double proper_score_without_floor_of_bias(const Layout& layout, const Rung& rung) {
+  std::size_t segment = 0;
   double known = 0, bias = 0;  // elements
-  for (const Block& block : layout.blocks)
+  for (const Block& block : layout.blocks) {
+    const bool is_bias = segments()[block.segment].name == "bias";
+    if (is_bias) segment = static_cast<std::size_t>(block.segment);
     for (int i = block.offset; i < block.offset + block.size; ++i)
-      if (!block.train && rung.standard.spread()[i] > 0)
-        known += 1, bias += segments()[block.segment].name == "bias";
-  const auto square_of = [&](const Whitened& rest) {
-    double square = 0;
-    for (const Block& block : layout.blocks)
-      if (!block.train && segments()[block.segment].name == "bias")
-        for (int i = block.offset; i < block.offset + block.size; ++i)
-          square += static_cast<double>(rest[i]) * rest[i];
-    return square;
-  };
+      if (!block.train && rung.standard.spread()[i] > 0) known += 1, bias += is_bias;
+  }
   std::vector<double> nulls(rung.nulls.size());
   parallel_for(static_cast<int>(nulls.size()),
-               [&](int k) { nulls[k] = square_of(remains_of(rung, rung.nulls[k], {}).rest); });
+               [&](int k) { nulls[k] = null_squares(layout, rung, rung.nulls[k], false)[segment]; });
   double own = 0;
-  for (const double square : nulls) own += square / (std::max(1.0, bias) * static_cast<double>(nulls.size()));
-  const double score = proper_score(layout, rung), square = square_of(rung.rest);
-  return own > 0 ? score + (square / own - square + bias * std::log(own)) / known : score;
+  for (const double square : nulls) own += square / static_cast<double>(nulls.size());
+  const double score = proper_score(layout, rung),
+               square = mean_squares(layout, rung.standard, rung.rest, rung.test_stated, false)[segment];
+  return bias > 0 && own > 0 ? score + bias / known * (square / own - square + std::log(own)) : score;
 }
 
 std::vector<double> squares_by_capture(const Layout& layout, const Whitened& rest, bool with_bias) {

@@ -15,8 +15,10 @@ namespace binrig {
 double proper_score(const Layout& layout, const Rung& rung, Part part = Part::test);
 
 /// The same on captures held out, the bias not in units of its spread, which has the practical floor in it, but of what
-/// the rung's own simulations (it must have its nulls) leave of it. Where that floor is as wide as the noise, half of
-/// what an effect draws is in it already, and the other score asks too high a price for the draws.
+/// the rung's own simulations (it must have its nulls) leave of it: with their mean square c, y^2 becomes y^2 / c + ln c.
+/// Where that floor is as wide as the noise, half of what an effect draws is in it already, and the other score is no
+/// proper one for the draws: it may refuse those that are there and prefer some that are not. Without nulls or bias: the
+/// other score.
 double proper_score_without_floor_of_bias(const Layout& layout, const Rung& rung);
 
 /// Scores of several models on the held-out captures, all in units of `last`'s randomness, its nuisances marginalised

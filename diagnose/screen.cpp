@@ -21,11 +21,17 @@ constexpr int map_cols = 12, map_rows = 9;  // of a pattern fixed in the image
 constexpr double least_share = 0.02;        // of what is left, that a shape has to explain to be spoken of
 constexpr double pi = 3.14159265358979323846;
 
+Eigen::VectorXd products(const std::vector<Whitened>& changes, const Whitened& residual) {
+  Eigen::VectorXd result(changes.size());
+  for (int k = 0; k < result.size(); ++k) result[k] = dot(changes[k], residual);
+  return result;
+}
+
 /// Shapes in the statistics that are fitted to the residual on train, as hypotheses are: whitened like it, with what
 /// poses, lens and the model's own parameters could make of them taken out.
 struct Shapes {
-  std::vector<Whitened> changes[2];  ///< on train, on test
-  Eigen::MatrixXd train, test;       ///< Gram matrices
+  std::vector<Whitened> changes_on_train, changes_on_test;
+  Eigen::MatrixXd train, test;  ///< Gram matrices of these
   Eigen::VectorXd on_train, on_test;
 
   /// Coefficients from train, about zero with a prior worth two cells of unit variance.
@@ -38,17 +44,12 @@ struct Shapes {
     const Eigen::VectorXd c = coefficients(on_train);
     return 2 * c.dot(on_test) - c.dot(test * c);
   }
-  /// Of a residual: by how many standard deviations of chance the captures held out agree with what train says of the
-  /// shapes. A standard normal number where the two have nothing in common but chance.
-  double agreement(const Eigen::VectorXd& of_train, const Eigen::VectorXd& of_test) const {
-    const Eigen::VectorXd c = coefficients(of_train);
+  /// By how many standard deviations of chance a residual of the captures held out agrees with what it says of the
+  /// shapes on train. A standard normal number where the two have nothing in common but chance.
+  double agreement(const Whitened& residual) const {
+    const Eigen::VectorXd c = coefficients(products(changes_on_train, residual));
     const double variance = c.dot(test * c);
-    return variance > 0 ? c.dot(of_test) / std::sqrt(variance) : 0;
-  }
-  Eigen::VectorXd product(const Whitened& residual, int part) const {
-    Eigen::VectorXd result(changes[part].size());
-    for (int k = 0; k < result.size(); ++k) result[k] = dot(changes[part][k], residual);
-    return result;
+    return variance > 0 ? c.dot(products(changes_on_test, residual)) / std::sqrt(variance) : 0;
   }
 };
 
@@ -56,7 +57,7 @@ struct Shapes {
 Shapes shapes_of(const Experiment& experiment, const Rung& rung, const std::vector<MapCell>& cells, int count,
                  const std::function<double(const MapCell&, int)>& value) {
   Shapes shapes;
-  auto& [train, test] = shapes.changes;
+  auto &train = shapes.changes_on_train, &test = shapes.changes_on_test;
   train.resize(count), test.resize(count);
   parallel_for(count, [&](int k) {
     StatVector raw(experiment.layout().size, 0.f);
@@ -77,8 +78,8 @@ Shapes shapes_of(const Experiment& experiment, const Rung& rung, const std::vect
       shapes.test(k, j) = shapes.test(j, k) = dot(test[k], test[j]);
     }
   });
-  shapes.on_train = shapes.product(rung.rest, 0);
-  shapes.on_test = shapes.product(rung.rest, 1);
+  shapes.on_train = products(train, rung.rest);
+  shapes.on_test = products(test, rung.rest);
   return shapes;
 }
 
@@ -247,12 +248,10 @@ bool bias_goes_with_something(const Experiment& experiment, const Rung& rung, co
   double most = 0;
   const auto look = [&](const std::string& what, const Shapes& shapes) {
     std::vector<double> chance(nulls.size());
-    parallel_for(static_cast<int>(nulls.size()), [&](int k) {
-      chance[k] = shapes.agreement(shapes.product(nulls[k], 0), shapes.product(nulls[k], 1));
-    });
+    parallel_for(static_cast<int>(nulls.size()), [&](int k) { chance[k] = shapes.agreement(nulls[k]); });
     double square = 0;
     for (const double z : chance) square += z * z / static_cast<double>(nulls.size());
-    const double z = shapes.agreement(shapes.on_train, shapes.on_test), spread = std::sqrt(std::max(1.0, square));
+    const double z = shapes.agreement(rung.rest), spread = std::sqrt(std::max(1.0, square));
     if (tracing()) fmt::print(stderr, "  bias goes with {} by {:.2f} (chance {:.2f})\n", what, z, spread);
     most = std::max(most, z / spread);
   };
