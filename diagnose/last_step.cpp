@@ -1,6 +1,7 @@
 #include "diagnose/last_step.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -22,6 +23,7 @@ constexpr double straight = 0.25;     // of the prior's standard deviation: over
 constexpr int seeds = 3;              // of derivatives
 constexpr double far_enough = 4;      // of FitParameter::step, for narrow parameters: beyond what rounding does
 constexpr double least_signal = 0.3;  // share of a derivative's square that must be more than its own noise
+constexpr double most_wrong = 0.5;    // of a block's y over a standard deviation of a parameter, by its slope
 
 class Step {
  public:
@@ -45,22 +47,23 @@ class Step {
     result_.metric = Metric(layout_, Part::train, result_.rows);
     const Whitened rest = result_.metric.explain(rung_.data, result_.place).rest;
     if (n == 0) return std::move(result_);
-    differentiate(Pull(rest));
-    VectorXd precision(n), pull(n);
+    precision_.resize(n);
+    VectorXd pull(n);
     for (int p = 0; p < n; ++p) {
-      precision[p] = priors_[p].circular ? 0.01 : 1 / std::pow(priors_[p].prior_sigma, 2);
-      pull[p] = priors_[p].circular ? 0 : -precision[p] * (result_.value[p] - priors_[p].prior_centre);
+      precision_[p] = priors_[p].circular ? 0.01 : 1 / std::pow(priors_[p].prior_sigma, 2);
+      pull[p] = priors_[p].circular ? 0 : -precision_[p] * (result_.value[p] - priors_[p].prior_centre);
     }
-    const MatrixXd gradients = null_gradients(precision);
+    differentiate(Pull(rest));
+    const MatrixXd gradients = null_gradients();
     const auto count = static_cast<double>(gradients.rows());
     // Compression moves the mean of what is skewed: of the recording as of the simulations.
     const VectorXd bias = gradients.colwise().mean().transpose();
     const MatrixXd centred = gradients.rowwise() - bias.transpose();
     MatrixXd scatter = rung_.dispersion * (1 + 1.0 / count) * (centred.transpose() * centred) / (count - 1.0);
     scatter += rung_.dispersion * scatter_from_floors();
-    scatter.diagonal() += precision;
+    scatter.diagonal() += precision_;
     MatrixXd a = result_.information;
-    a.diagonal() += precision;
+    a.diagonal() += precision_;
     const MatrixXd inverse = a.partialPivLu().inverse();
     result_.covariance = inverse * scatter * inverse.transpose();
     result_.freedom = count - 1;
@@ -102,11 +105,11 @@ class Step {
 
   /// Gradients of the nulls, one a row, as the recording would have them. Each with derivatives whitened as it is:
   /// those whitened by what it helped to teach go where it happens to scatter little.
-  MatrixXd null_gradients(const VectorXd& precision) const {
+  MatrixXd null_gradients() const {
     const int n = static_cast<int>(priors_.size()), count = static_cast<int>(rung_.nulls.size()),
               folds = static_cast<int>(rung_.others.size());
     const auto information = [&](const std::vector<Whitened>& jacobian, const std::vector<Whitened>& freed) {
-      MatrixXd a = precision.asDiagonal();
+      MatrixXd a = precision_.asDiagonal();
       for (int p = 0; p < n; ++p)
         for (int q = 0; q < n; ++q) a(p, q) += dot(jacobian[p], freed[q]);
       return a;
@@ -121,8 +124,8 @@ class Step {
         if (silent(result_.jacobian[p])) continue;
         Whitened whole = standard.difference(changes_[p]);
         pool(layout_, standard.spread(), pooled_[p], whole);
-        for (const Block& block : layout_.blocks)
-          if (kept_[p][block.segment])
+        for (std::size_t b = 0; b < layout_.blocks.size(); ++b)
+          if (const Block& block = layout_.blocks[b]; keeps(p, b))
             std::copy_n(whole.begin() + block.offset, block.size, jacobian[p].begin() + block.offset);
         freed[p] = metric.apply(jacobian[p]);
       }
@@ -150,6 +153,25 @@ class Step {
     return scatter;
   }
 
+  Trial trial(const SensorModel& model, int k) const {
+    return {model, rung_.offsets, seed_ + 700 + static_cast<std::uint64_t>(k), Part::train, short_frames, !series_};
+  }
+
+  /// Does parameter p's derivative count in a block (index in the layout)?
+  bool keeps(int p, std::size_t block) const { return counts_[block] && kept_[p][layout_.blocks[block].segment]; }
+
+  /// Unbiased square of what vectors of several seeds have in common in a block.
+  static double common_square(const Block& block, const std::vector<Whitened>& by_seed) {
+    double of_sum = 0, own = 0;
+    for (int i = block.offset; i < block.offset + block.size; ++i) {
+      double sum = 0;
+      for (const Whitened& one : by_seed) sum += one[i], own += static_cast<double>(one[i]) * one[i];
+      of_sum += sum * sum;
+    }
+    const auto n = static_cast<double>(by_seed.size());
+    return (of_sum - own) / (n * (n - 1));
+  }
+
   /// Derivatives of y by the parameters, one a seed, in captures cut short, and what follows from them.
   void differentiate(const Pull& pull) {
     const int n = static_cast<int>(priors_.size());
@@ -157,13 +179,11 @@ class Step {
     const auto add = [&](const FitParameter& parameter, double value) {
       SensorModel moved = rung_.model;
       value_in(moved, parameter.id, parameter.name).value = parameter.natural(value);
-      for (int k = 0; k < seeds; ++k)
-        trials.push_back(
-            {moved, rung_.offsets, seed_ + 700 + static_cast<std::uint64_t>(k), Part::train, short_frames, !series_});
+      for (int k = 0; k < seeds; ++k) trials.push_back(trial(moved, k));
       return parameter.circular ? value : parameter.scaled(parameter.natural(value));
     };
     std::vector<int> asked;
-    std::vector<double> taken;
+    std::vector<std::array<float, 2>> taken;  // ahead, and behind
     for (int p = 0; p < n; ++p) {
       const FitParameter& parameter = priors_[p];
       if (silent(rung_.fit.slopes[p])) continue;
@@ -171,42 +191,71 @@ class Step {
       const double reach = parameter.narrow ? far_enough * parameter.step : parameter.step;
       const double ahead = add(parameter, result_.value[p] + reach), behind = add(parameter, result_.value[p] - reach);
       asked.push_back(p);
-      taken.push_back(ahead - behind);
+      taken.push_back({static_cast<float>(ahead - result_.value[p]), static_cast<float>(result_.value[p] - behind)});
     }
+    for (int k = 0; k < seeds; ++k) trials.push_back(trial(rung_.model, k));
     const auto simulated = experiment_.simulate(trials, "taking derivatives");
-    result_.jacobian.assign(n, Whitened(layout_.size, 0.f));
-    result_.information = MatrixXd::Zero(n, n);
-    freed_.assign(n, Whitened(layout_.size, 0.f));
+    const auto here = simulated.end() - seeds;
     changes_.resize(n);
     kept_.resize(n);
     pooled_.resize(n);
-    SeedSlopes freed(n), curved(n);
+    SeedSlopes each(n);
+    MatrixXd error = MatrixXd::Zero(n, static_cast<int>(layout_.blocks.size()));  // of slopes, squared
     parallel_for(static_cast<int>(asked.size()), [&](int m) {
       const int p = asked[m];
-      std::vector<Whitened> each;
       const auto ahead = simulated.begin() + 2 * m * seeds, behind = ahead + seeds;
-      std::vector<StatVector> changes(ahead, behind);
+      const auto [up, down] = taken[m];
+      std::vector<StatVector> changes(ahead, behind), bends(ahead, behind);
       for (int k = 0; k < seeds; ++k)
-        for (int i = 0; i < layout_.size; ++i)
-          changes[k][i] = (changes[k][i] - behind[k][i]) / static_cast<float>(taken[m]);
+        for (int i = 0; i < layout_.size; ++i) {
+          changes[k][i] = (ahead[k][i] - behind[k][i]) / (up + down);
+          // Half of what the slopes to the two sides differ by; at a bound there is but one.
+          bends[k][i] =
+              up <= 0 || down <= 0 ? 0 : 0.5f * ((ahead[k][i] - here[k][i]) / up - (here[k][i] - behind[k][i]) / down);
+        }
       fill_unknown(layout_, changes, true);
+      fill_unknown(layout_, bends, true);
       changes_[p].assign(layout_.size, 0.f);
       for (const StatVector& change : changes)
         for (int i = 0; i < layout_.size; ++i) changes_[p][i] += change[i] / seeds;
-      for (const StatVector& change : changes) each.push_back(rung_.standard.difference(change));
-      pooled_[p] = pool_noisy(layout_, rung_.standard.spread(), least_signal, each);
+      std::vector<Whitened> sides;
+      for (const StatVector& change : changes) each[p].push_back(rung_.standard.difference(change));
+      for (const StatVector& bent : bends) sides.push_back(rung_.standard.difference(bent));
+      pooled_[p] = pool_noisy(layout_, rung_.standard.spread(), least_signal, each[p]);
       // Segments in which a derivative is mostly noise are left out.
-      const SeedMean whole = mean_over_seeds(layout_, each);
-      for (std::size_t segment = 0; segment < whole.signal.size(); ++segment)
-        kept_[p].push_back(whole.signal[segment] > least_signal);
-      for (const auto& block : layout_.blocks) {
-        if (kept_[p][block.segment])
-          std::copy_n(whole.mean.begin() + block.offset, block.size, result_.jacobian[p].begin() + block.offset);
-        else
-          for (auto& d : each) std::fill_n(d.begin() + block.offset, block.size, 0.f);
+      for (const double signal : mean_over_seeds(layout_, each[p]).signal) kept_[p].push_back(signal > least_signal);
+      for (Whitened& one : sides) {
+        pool(layout_, rung_.standard.spread(), pooled_[p], one);
+        one = result_.metric.apply(one);
       }
+      for (std::size_t k = 0; k < layout_.blocks.size(); ++k) {
+        if (!kept_[p][layout_.blocks[k].segment]) continue;
+        // Of a smooth curve whose slope s is b larger on one side, the slope to both sides is wrong by about b^2 / s;
+        // where b is as large as s, it is no slope.
+        const double b = common_square(layout_.blocks[k], sides), s = common_square(layout_.blocks[k], each[p]);
+        if (b > 0) error(p, static_cast<int>(k)) = s > b ? b * b / s : b;
+      }
+    });
+    counts_.assign(layout_.blocks.size(), true);
+    weigh(pull, each);
+    leave_out_wrong(pull, each, error);
+  }
+
+  /// Information and jacobian from derivatives by parameter and seed, of the blocks that count.
+  void weigh(const Pull& pull, const SeedSlopes& each) {
+    const int n = static_cast<int>(each.size());
+    result_.jacobian.assign(n, Whitened(layout_.size, 0.f));
+    freed_ = result_.jacobian;
+    SeedSlopes freed(n), curved(n);
+    parallel_for(n, [&](int p) {
+      if (each[p].empty()) return;
+      auto counted = each[p];
+      for (std::size_t k = 0; k < layout_.blocks.size(); ++k)
+        if (const Block& block = layout_.blocks[k]; !keeps(p, k))
+          for (Whitened& d : counted) std::fill_n(d.begin() + block.offset, block.size, 0.f);
+      result_.jacobian[p] = mean_over_seeds(layout_, counted).mean;
       freed_[p] = result_.metric.apply(result_.jacobian[p]);
-      for (const auto& d : each) {
+      for (const Whitened& d : counted) {
         freed[p].push_back(result_.metric.apply(d));
         curved[p].push_back(pull.curved(d, freed[p].back()));
       }
@@ -223,6 +272,43 @@ class Step {
     VectorXd scale(n);
     for (int p = 0; p < n; ++p) scale[p] = prior_deviation(priors_[p]);
     result_.information = positive_products(result_.information, together, scale);
+  }
+
+  /// Standard deviation that the information and what is known beforehand promise.
+  double promised(int p) const {
+    MatrixXd a = result_.information;
+    a.diagonal() += precision_;
+    return std::sqrt(a.ldlt().solve(VectorXd::Unit(a.rows(), p))[p]);
+  }
+  bool hardly_known(int p, double deviation) const { return deviation > straight * prior_deviation(priors_[p]); }
+
+  /// Parameters that make up for each other leave little of their slopes together: where these are not right, what is
+  /// left passes for knowing one from the other (lines of a histogram smeared by a drift come and go with it). Blocks
+  /// in which that matters over what all blocks promise count no more, for no parameter, or the others would do what
+  /// that one should; unless it is known from nothing else. `error`: by parameter and block, squared.
+  void leave_out_wrong(const Pull& pull, const SeedSlopes& each, const MatrixXd& error) {
+    for (int p = 0; p < static_cast<int>(each.size()); ++p) {
+      // A mask's slopes are ramps over stairs: they differ from side to side wherever they are taken.
+      if (rung_.model.find(priors_[p].id)->declaration(experiment_.forward().catalogue()).reason) continue;
+      const auto before = counts_;
+      double deviation = promised(p);
+      for (auto now = counts_; !hardly_known(p, deviation); now = counts_) {
+        for (int k = 0; k < error.cols(); ++k)
+          if (error(p, k) * deviation * deviation > most_wrong * most_wrong) counts_[k] = false;
+        if (counts_ == now) break;
+        weigh(pull, each);
+        deviation = promised(p);
+      }
+      if (counts_ == before) continue;
+      const bool lost = hardly_known(p, deviation);
+      if (tracing())
+        fmt::print(stderr, "slopes over {}.{} are wrong in {} blocks, {}\n", priors_[p].id, priors_[p].name,
+                   std::ranges::count(before, true) - std::ranges::count(counts_, true),
+                   lost ? "but nothing else knows it" : "which are left out");
+      if (!lost) continue;
+      counts_ = before;
+      weigh(pull, each);
+    }
   }
 
   /// Solves slope * delta = pull; where a bound stops a parameter short, the others are solved for again with it there.
@@ -263,9 +349,11 @@ class Step {
   const std::vector<FitParameter>& priors_;
   const bool series_;
   const std::uint64_t seed_;
+  VectorXd precision_;                     // of what is known beforehand
   std::vector<Whitened> freed_;            // the jacobian, nuisances taken out
   std::vector<StatVector> changes_;        // the jacobian in the statistics' own units, mean over the seeds
   std::vector<std::vector<bool>> kept_;    // by parameter: segments of it that are not mostly noise
+  std::vector<bool> counts_;               // by block: derivatives are right enough
   std::vector<std::vector<bool>> pooled_;  // by parameter: segments of it of which the maps' means are taken
   LastStep result_;
 };

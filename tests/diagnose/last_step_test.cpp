@@ -56,5 +56,25 @@ TEST(LastStep, LeadsToEveryShareOfItself) {
   EXPECT_NEAR(taken.amplitude(0.5), 0.5 * (taken.amplitude(0) + taken.amplitude(1)), 1e-9);
 }
 
+// A series half as long as the housing takes to warm up: amplitude and time constant make up for each other, but for a
+// shift of the target by some pose_sigma. How the lines of its histogram move with either holds over no distance; what
+// both leave there together would pass for knowing the one from the other.
+TEST(LastStep, DoesNotTrustASlopeThatBends) {
+  const bench::SmallCampaign with_warm_up;
+  const std::map<std::string, double> truth{{"amplitude", 0.1414}, {"time_constant", 214.4}};
+  const Case c(model_with("thermal_drift", truth),
+               model_with("thermal_drift", {{"amplitude", 0.1698}, {"time_constant", 273.6}}), with_warm_up);
+  const Rung rung = c.fitted({.simulations = 16, .passes = 0});
+  const LastStep step = last_step(c.experiment, c.motions, rung, rung.fit.parameters, true, 5);
+  for (std::size_t p = 0; p < rung.fit.parameters.size(); ++p) {
+    const FitParameter& parameter = rung.fit.parameters[p];
+    if (parameter.id != "thermal_drift") continue;
+    const int i = static_cast<int>(p);
+    const double right = parameter.scaled(truth.at(parameter.name));
+    EXPECT_LT(std::abs(step.value[i] - right), std::abs(step.value[i] - step.step[i] - right)) << parameter.name;
+    EXPECT_NEAR(step.value[i], right, 2 * std::sqrt(step.covariance(i, i))) << parameter.name;
+  }
+}
+
 }  // namespace
 }  // namespace binrig
