@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "diagnose/diagnose.h"
 #include "diagnose/score.h"
 #include "tests/diagnose/simulated_case.h"
 
@@ -48,6 +49,27 @@ TEST(BiasGoesWithSomething, NotWithTheMapOfAnotherUnit) {
   const SensorModel model = model_with("fixed_pattern_noise", {{"amplitude", 0.1}, {"correlation_length", 6}});
   const Look look(model, model);
   EXPECT_FALSE(look.goes_with_something());
+}
+
+/// What `diagnose` says without looking for any effect.
+Diagnosis judged(const SensorModel& truth, const SensorModel& model) {
+  const Case seen(truth, model);
+  SimulationCache cache("");
+  DiagnosisOptions options;
+  options.simulations = 24;
+  options.most_effects = 0;
+  return diagnose(
+      seen.experiment.forward(), [&](int capture, int frame) { return seen.recording[capture][frame]; }, model, cache,
+      options);
+}
+
+TEST(BiasGoesWithSomething, IsUnexplainedInTheVerdict) {
+  const SensorModel model = noise_alone(0.3);
+  const Diagnosis with = judged(with_pattern(model, "0.06*cos(7*x)*cos(6*y)"), model);
+  EXPECT_EQ(with.verdict, Verdict::unknown_effect) << with.headline;
+  ASSERT_EQ(with.unexplained.size(), 1);
+  EXPECT_EQ(with.unexplained[0].segment, "bias");
+  EXPECT_EQ(judged(model, model).verdict, Verdict::nothing_missing);
 }
 
 }  // namespace
