@@ -244,20 +244,24 @@ bool bias_goes_with_something(const Experiment& experiment, const Rung& rung, co
   constexpr double beyond_chance = 6;  // standard deviations, as for squares
   const auto cells = cells_of(experiment, rung, data, "bias");
   if (cells.size() < 200) return false;
-  const std::vector<Whitened> nulls = left_of_nulls(rung);
-  double most = 0;
-  const auto look = [&](const std::string& what, const Shapes& shapes) {
+  std::vector<Whitened> nulls;
+  const auto goes_with = [&](const std::string& what, const Shapes& shapes) {
+    const double z = shapes.agreement(rung.rest);
+    if (tracing()) fmt::print(stderr, "  bias goes with {} by {:.2f}\n", what, z);
+    if (z <= beyond_chance) return false;
+    // Each null is of another unit, whose maps all of its captures have in common.
+    if (nulls.empty()) nulls = left_of_nulls(rung);
     std::vector<double> chance(nulls.size());
     parallel_for(static_cast<int>(nulls.size()), [&](int k) { chance[k] = shapes.agreement(nulls[k]); });
     double square = 0;
-    for (const double z : chance) square += z * z / static_cast<double>(nulls.size());
-    const double z = shapes.agreement(rung.rest), spread = std::sqrt(std::max(1.0, square));
-    if (tracing()) fmt::print(stderr, "  bias goes with {} by {:.2f} (chance {:.2f})\n", what, z, spread);
-    most = std::max(most, z / spread);
+    for (const double of_null : chance) square += of_null * of_null / static_cast<double>(nulls.size());
+    if (tracing()) fmt::print(stderr, "  the model's own units do by {:.2f}\n", std::sqrt(square));
+    return z > beyond_chance * std::sqrt(square);
   };
-  look("place in the image", map_in_the_image(experiment, rung, cells));
-  for (std::size_t k = 0; k < covariates().size(); ++k) look(covariates()[k].name, curve(experiment, rung, cells, k));
-  return most > beyond_chance;
+  if (goes_with("place in the image", map_in_the_image(experiment, rung, cells))) return true;
+  for (std::size_t k = 0; k < covariates().size(); ++k)
+    if (goes_with(covariates()[k].name, curve(experiment, rung, cells, k))) return true;
+  return false;
 }
 
 void screen(const Experiment& experiment, const Rung& rung, const StatVector& data, std::vector<Unexplained>& entries) {
