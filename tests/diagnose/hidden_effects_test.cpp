@@ -112,7 +112,7 @@ TEST(HiddenEffects, NothingHiddenNothingNamed) {
 }
 
 TEST(HiddenEffects, AnEffectThatNoCatalogueHasIsUnknown) {
-  const Diagnosis diagnosis = answer({"outside", {"step_across_a_line"}, Strength::strong, 1});
+  const Diagnosis diagnosis = answer({"outside", {"step_across_a_line"}, Strength::strong, 1}, 1);
   EXPECT_EQ(diagnosis.verdict, Verdict::unknown_effect) << diagnosis.headline;
   ASSERT_FALSE(diagnosis.unexplained.empty());
 }
