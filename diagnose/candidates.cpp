@@ -10,7 +10,8 @@
 
 namespace binrig {
 
-constexpr std::size_t most_close = 2;
+constexpr std::size_t most_others = 3;
+constexpr double worth_a_thought = 0.25;  // of the gain of what was accepted
 
 CandidateReport Candidates::report_of(const Refined& refined, int null_count) const {
   CandidateReport report;
@@ -52,7 +53,7 @@ Found Candidates::of(const Refined& refined, const Rung& rung, const SearchResul
                report_of(refined, static_cast<int>(rung.nulls.size())),
                {refined.effect, false, refined.random_map, {}},
                {}};
-  auto& [copy, report, accepted, close] = result;
+  auto& [copy, report, accepted, others] = result;
   accepted.map = hypothesis(refined).declaration->per_unit_map;
   for (const auto& rival : found.refined)
     if (rival.effect != refined.effect && !beaten.contains(rival.effect) &&
@@ -61,10 +62,12 @@ Found Candidates::of(const Refined& refined, const Rung& rung, const SearchResul
         confounded(rung, refined, rival))
       accepted.rivals.push_back(rival.effect);
   for (const Refined& other : found.refined)
-    if (other.effect != refined.effect && !other.held && !refined.held && close.size() < most_close &&
-        other.train_gain > options_.close_behind * refined.train_gain && moves_the_same(rung, refined, other) &&
-        std::ranges::find(close, other.effect, &Refined::effect) == close.end())
-      close.push_back(other);
+    if (other.effect != refined.effect && !other.held && !refined.held &&
+        other.train_gain > worth_a_thought * refined.train_gain && moves_the_same(rung, refined, other) &&
+        std::ranges::find(others, other.effect, &Refined::effect) == others.end())
+      others.push_back(other);
+  std::ranges::stable_sort(others, std::ranges::greater{}, &Refined::train_gain);
+  if (others.size() > most_others) others.resize(most_others);
   report.confounded_with = accepted.rivals;
   if (accepted.rivals.empty()) return result;
   std::vector<LookAlike> rivals;

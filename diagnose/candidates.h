@@ -15,7 +15,7 @@ struct Found {
   Refined refined;
   CandidateReport report;
   Evidence::Accepted accepted;
-  std::vector<Refined> close;  ///< what explains nearly as much of the same on train, at most two
+  std::vector<Refined> others;  ///< what explains a quarter as much of the same on train, at most three, best first
 };
 
 /// Makes a `Found` of what a search found.

@@ -12,6 +12,7 @@ namespace binrig {
 namespace {
 
 constexpr double told_apart = 0.1;       // dispersion: of ten thousand statistics and more, a thousand of chi
+constexpr double hardly_rises = 0.1;     // of a held-out score that stays as it is, by chance
 constexpr double hardly_worse = 0.0025;  // by less, the scatter of its own simulations moves the proper score
 
 }  // namespace
@@ -47,7 +48,6 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
 bool makes_better(const Left& before, const Left& after, const Addition& addition) {
   constexpr double least_fall = 0.02;         // share of what is left of the held-out score
   constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
-  constexpr double hardly_rises = 0.1;        // a score that stays as it is, by chance
   constexpr double least_proper_gain = 0.01;  // an element
   constexpr double most = 0.5;                // of what is left of the statistics
   const double excess = std::max(0.0, before.heldout - 1), rise = after.proper_score - before.proper_score;
@@ -71,16 +71,23 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
 }
 
 bool takes_the_place(const Left& present, const Left& other) {
-  constexpr double clearly = 0.01, hardly = 0.0025, much = 0.25, at_least = 0.1;
+  constexpr double clearly = 0.01, much = 0.25, at_least = 0.1;
   const bool properly = other.proper_score < present.proper_score - clearly && other.heldout <= present.heldout;
   const bool held_out = other.heldout < present.heldout - std::max(at_least, much * (present.heldout - 1)) &&
-                        other.proper_score < present.proper_score + hardly;
+                        other.proper_score < present.proper_score + hardly_worse;
   return properly || held_out;
 }
 
 bool as_good(const Left& present, const Left& other) {
   constexpr double hardly_more = 0.02;
   return other.heldout < present.heldout + hardly_more && std::ranges::includes(present.unexplained, other.unexplained);
+}
+
+bool does_for_two(const Left& present, const Left& other) {
+  const double rise = other.proper_score - present.proper_score;
+  const bool lower = rise < 0 && other.heldout < present.heldout + hardly_rises &&
+                     std::ranges::includes(present.unexplained, other.unexplained);
+  return lower || (as_good(present, other) && rise < hardly_worse);
 }
 
 bool hardly_there(const EffectDeclaration& effect, double amplitude) {

@@ -65,7 +65,7 @@ class Climb {
         return std::move(climbed_);
       }
       climbed_ = nothing;
-      book_.reset(), book_as_given_.reset(), looked_closely_.clear(), waiting_.clear(), close_.clear();
+      book_.reset(), book_as_given_.reset(), looked_closely_.clear(), waiting_.clear(), others_.clear();
       looked_in_vain_ = step_failed_ = false;
     }
     climb_from(std::move(first));
@@ -85,7 +85,7 @@ class Climb {
     book_->look_at(everyone(), false);
     const auto full = [&] { return static_cast<int>(climbed_.evidence.accepted.size()) >= most_effects_; };
     do {
-      close_.assign(climbed_.candidates.size(), {});
+      others_.assign(climbed_.candidates.size(), {});
       while (!full() && step_up()) {
       }
       climbed_.as_many_as_allowed = full();
@@ -245,54 +245,103 @@ class Climb {
     climbed_.candidates.push_back(found.report);
     climbed_.evidence.accepted.push_back(found.accepted);
     climbed_.added.push_back(found.refined.effect);
-    close_.push_back(found.close);
-    for (std::size_t k = 0; k + 1 < close_.size(); ++k)
-      for (const Refined& other : std::exchange(close_[k], {})) exchange(k, other);
+    others_.push_back({found.refined, found.others});
+    for (std::size_t k = 0; k + 1 < others_.size(); ++k)
+      if (!others_[k].others.empty() && moves_the_same(last(), others_[k].added, found.refined))
+        for (const Refined& other : others_[k].others)
+          if (do_for_two(k, other)) return true;
+    for (std::size_t k = 0; k + 1 < others_.size(); ++k) {
+      if (std::exchange(others_[k].had_their_turn, true)) continue;
+      const double close = search_options_.close_behind * others_[k].added.train_gain;
+      for (const Refined& other : std::vector<Refined>(others_[k].others))
+        if (other.train_gain > close) exchange(k, other);
+    }
+    return true;
+  }
+
+  bool is_added(const std::string& effect) const {
+    const auto& added = climbed_.evidence.accepted;
+    return std::ranges::find(added, effect, &Evidence::Accepted::effect) != added.end();
+  }
+
+  /// The last rung's model with `other` in the place of some that were added (ids), everything fitted again.
+  struct InPlace {
+    Refined added;
+    RungOptions options;
+    Rung rung;
+    Left before, after;
+  };
+  InPlace in_place_of(const std::vector<std::string>& ids, const Refined& other) const {
+    const Rung& rung = climbed_.rungs.back();
+    InPlace result{other, climbed_.options, {}, {}, {}};
+    Refined& added = result.added;
+    added.model = rung.model;
+    for (const std::string& id : ids) added.model = without_effect(added.model, id);
+    EffectInstance& instance = add_effect(added.model, catalogue_, other.effect);
+    instance.values = other.model.find(other.id)->values;
+    added.id = instance.id;
+    // What moves the same leaves all else where it is.
+    Adding::hold(added, result.options);
+    result.rung = adding_.to(rung, added, result.options, false);
+    finish(result.rung, result.options);
+    std::tie(result.before, result.after) = left_by(rung, result.rung, false);
+    if (tracing())
+      fmt::print(stderr, "  {} for {}: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", other.effect,
+                 fmt::join(ids, " and "), result.before.heldout, result.after.heldout, result.before.proper_score,
+                 result.after.proper_score);
+    return result;
+  }
+
+  /// Puts it on the ladder, as candidate k; `gone`: what it takes the place of, in words.
+  void put_in_place(std::size_t k, InPlace in_place, const std::string& gone) {
+    const Refined& added = in_place.added;
+    climbed_.options = in_place.options;
+    leave_behind(climbed_.rungs.back());
+    climbed_.rungs.push_back(std::move(in_place.rung));
+    climbed_.added.push_back(added.effect);
+    climbed_.removed.resize(climbed_.rungs.size());
+    climbed_.removed.back() = gone;
+    climbed_.candidates[k] = candidates_.report_of(added, climbed_.candidates[k].null_count);
+    climbed_.evidence.accepted[k] = {
+        added.effect, candidates_.hypothesis(added).declaration->per_unit_map, added.random_map, {}};
+  }
+
+  /// A wrong one of two that move the same leaves something that a third makes up for: candidate k and the last one may
+  /// be one effect, if that leaves no more. False if not.
+  bool do_for_two(std::size_t k, const Refined& other) {
+    if (is_added(other.effect)) return false;
+    const CandidateReport &first = climbed_.candidates[k], &second = climbed_.candidates.back();
+    InPlace one = in_place_of({first.id, second.id}, other);
+    if (!does_for_two(one.before, one.after)) return false;
+    put_in_place(k, std::move(one), first.effect + " and " + second.effect);
+    climbed_.candidates.pop_back();
+    climbed_.evidence.accepted.pop_back();
+    others_.pop_back();
+    others_[k] = {other, {}, true};
     return true;
   }
 
   /// What was missing elsewhere may have favoured the wrong one of two that explain the same: with what was added
   /// since, the other takes the place of candidate k if less is left with it.
   void exchange(std::size_t k, const Refined& other) {
-    const auto& added = climbed_.evidence.accepted;
-    if (std::ranges::find(added, other.effect, &Evidence::Accepted::effect) != added.end()) return;
+    if (is_added(other.effect)) return;
     CandidateReport& candidate = climbed_.candidates[k];
     const Rung& rung = last();
     auto& rivals = climbed_.evidence.accepted[k].rivals;
     const bool named = std::ranges::find(rivals, other.effect) != rivals.end();
     if (named && unexplained(experiment_.layout(), rung).empty()) return;  // there is nothing that it could do better
-    Refined hypothesis = other;
-    hypothesis.model = without_effect(rung.model, candidate.id);
-    EffectInstance& instance = add_effect(hypothesis.model, catalogue_, other.effect);
-    instance.values = other.model.find(other.id)->values;
-    hypothesis.id = instance.id;
-    // What moves the same leaves all else where it is.
-    RungOptions options = climbed_.options;
-    Adding::hold(hypothesis, options);
-    Rung next = adding_.to(rung, hypothesis, options, false);
-    finish(next, options);
-    const auto [before, after] = left_by(rung, next, false);
-    if (tracing())
-      fmt::print(stderr, "  {} for {}: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}\n", other.effect,
-                 candidate.effect, before.heldout, after.heldout, before.proper_score, after.proper_score);
-    if (!takes_the_place(before, after)) {
-      if (!as_good(before, after) || named) return;
-      rivals.push_back(other.effect);
-      candidate.confounded_with = rivals;
-      if (rivals.size() == 1)
-        candidates_.seek_captures(candidate, rung, {rung.model, candidate.id, rung.fit},
-                                  {{next.model, hypothesis.id, next.fit}});
+    InPlace instead = in_place_of({candidate.id}, other);
+    if (takes_the_place(instead.before, instead.after)) {
+      put_in_place(k, std::move(instead), candidate.effect);
+      others_[k] = {other, {}, true};
       return;
     }
-    climbed_.options = options;
-    leave_behind(climbed_.rungs.back());
-    climbed_.rungs.push_back(std::move(next));
-    climbed_.added.push_back(other.effect);
-    climbed_.removed.resize(climbed_.rungs.size());
-    climbed_.removed.back() = candidate.effect;
-    candidate = candidates_.report_of(hypothesis, candidate.null_count);
-    climbed_.evidence.accepted[k] = {
-        other.effect, candidates_.hypothesis(other).declaration->per_unit_map, other.random_map, {}};
+    if (!as_good(instead.before, instead.after) || named) return;
+    rivals.push_back(other.effect);
+    candidate.confounded_with = rivals;
+    if (rivals.size() == 1)
+      candidates_.seek_captures(candidate, rung, {rung.model, candidate.id, rung.fit},
+                                {{instead.rung.model, instead.added.id, instead.rung.fit}});
   }
 
   /// Adds the first of those waiting that still makes the ladder better; false if none does.
@@ -427,11 +476,16 @@ class Climb {
   const Adding adding_;
   const Candidates candidates_;
   std::optional<SignatureBook> book_, book_as_given_;
-  std::vector<bool> looked_closely_;         // by hypothesis
-  bool looked_in_vain_ = false;              // see Standing
-  bool step_failed_ = false;                 // one that is certain made nothing better
-  std::vector<Found> waiting_;               // best first
-  std::vector<std::vector<Refined>> close_;  // by candidate: what may take its place, not yet tried
+  std::vector<bool> looked_closely_;  // by hypothesis
+  bool looked_in_vain_ = false;       // see Standing
+  bool step_failed_ = false;          // one that is certain made nothing better
+  std::vector<Found> waiting_;        // best first
+  struct Others {
+    Refined added;
+    std::vector<Refined> others;  ///< that explained much of the same
+    bool had_their_turn = false;  ///< to take its place
+  };
+  std::vector<Others> others_;  // by candidate
   Climbed climbed_;
 };
 

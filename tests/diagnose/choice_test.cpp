@@ -178,6 +178,16 @@ TEST(AsGood, WhereNothingMoreIsUnexplained) {
   EXPECT_FALSE(as_good(present, {1.13, -2.9, {}}));
 }
 
+TEST(DoesForTwo, WhatIsAsGoodAndHardlyWorseByTheProperScoreOrBetterByIt) {
+  const Left two{1.1, -3, {{"edges", true}}};
+  EXPECT_TRUE(does_for_two(two, {1.11, -2.999, {}}));
+  EXPECT_FALSE(does_for_two(two, {1.11, -2.99, {}}));
+  EXPECT_FALSE(does_for_two(two, {1.13, -2.999, {}}));
+  EXPECT_TRUE(does_for_two(two, {1.13, -3.001, {}}));
+  EXPECT_FALSE(does_for_two(two, {1.21, -3.01, {}}));
+  EXPECT_FALSE(does_for_two(two, {1.1, -3.01, {{"bias", true}}}));
+}
+
 TEST(HardlyThere, BelowHalfOfTheLeastThatInstrumentsShow) {
   for (const EffectDeclaration* effect : effect_catalogue().all()) {
     const ParameterSpec* amplitude = effect->parameter(effect->amplitude);
