@@ -23,7 +23,7 @@
 namespace binrig {
 namespace {
 
-constexpr double leaves_little = 1.3;       // dispersion up to which places and masks are looked after
+constexpr double leaves_little = 1.3;       // dispersion up to which places, masks and look-alikes are looked after
 constexpr double clearly_better = 0.01;     // of a proper score
 constexpr std::size_t most_runners_up = 3;  // that are fitted with everything beside the best
 constexpr int most_tries = 3;  // of hypotheses one after the other, as long as none makes the ladder better
@@ -246,10 +246,9 @@ class Climb {
     climbed_.evidence.accepted.push_back(found.accepted);
     climbed_.added.push_back(found.refined.effect);
     others_.push_back({found.refined, found.others});
-    for (std::size_t k = 0; k + 1 < others_.size(); ++k)
-      if (!others_[k].others.empty() && moves_the_same(last(), others_[k].added, found.refined))
-        for (const Refined& other : others_[k].others)
-          if (do_for_two(k, other)) return true;
+    for (std::size_t k = 0; k + 1 < others_.size() && last().dispersion <= leaves_little; ++k)
+      for (const Refined& other : others_[k].others)
+        if (overlaps(other, k, found.refined) && do_for_two(k, other)) return true;
     for (std::size_t k = 0; k + 1 < others_.size(); ++k) {
       if (std::exchange(others_[k].had_their_turn, true)) continue;
       const double close = search_options_.close_behind * others_[k].added.train_gain;
@@ -257,6 +256,21 @@ class Climb {
         if (other.train_gain > close) exchange(k, other);
     }
     return true;
+  }
+
+  /// Does another than candidate k move something in common with what was added later (cosine of at least 0.1), poses,
+  /// lens and all parameters but those of these marginalised?
+  bool overlaps(const Refined& other, std::size_t k, const Refined& later) const {
+    constexpr double least = 0.1;
+    std::vector<int> own;
+    for (std::size_t p = 0; p < last().fit.parameters.size(); ++p)
+      if (const std::string& id = last().fit.parameters[p].id; id == climbed_.candidates[k].id || id == later.id)
+        own.push_back(static_cast<int>(motions_.size() + p));
+    const Metric metric = last().train.with_held(own);
+    const Whitened &one = other.change, &two = later.change, seen = metric.apply(one);
+    const double cosine = dot(seen, two) / std::sqrt(dot(seen, one) * dot(metric.apply(two), two));
+    if (tracing()) fmt::print(stderr, "  {} moves what {} does by {:.2f}\n", later.effect, other.effect, cosine);
+    return std::abs(cosine) >= least;
   }
 
   bool is_added(const std::string& effect) const {
