@@ -24,6 +24,7 @@ constexpr int seeds = 3;              // of derivatives
 constexpr double far_enough = 4;      // of FitParameter::step, for narrow parameters: beyond what rounding does
 constexpr double least_signal = 0.3;  // share of a derivative's square that must be more than its own noise
 constexpr double most_wrong = 0.5;    // of a block's y over a standard deviation of a parameter, by its slope
+constexpr double most_of_it = 0.5;  // of what is known of a parameter alone, which blocks that are left out do not hold
 
 class Step {
  public:
@@ -285,12 +286,14 @@ class Step {
   /// Parameters that make up for each other leave little of their slopes together: where these are not right, what is
   /// left passes for knowing one from the other (lines of a histogram smeared by a drift come and go with it). Blocks
   /// in which that matters over what all blocks promise count no more, for no parameter, or the others would do what
-  /// that one should; unless it is known from nothing else. `error`: by parameter and block, squared.
+  /// that one should. But where most of what knows a parameter bends with it, that is how it acts (a blur of less than
+  /// a pixel), and all stays. `error`: by parameter and block, squared.
   void leave_out_wrong(const Pull& pull, const SeedSlopes& each, const MatrixXd& error) {
     for (int p = 0; p < static_cast<int>(each.size()); ++p) {
       // A mask's slopes are ramps over stairs: they differ from side to side wherever they are taken.
       if (rung_.model.find(priors_[p].id)->declaration(experiment_.forward().catalogue()).reason) continue;
       const auto before = counts_;
+      const double known = result_.information(p, p);
       double deviation = promised(p);
       for (auto now = counts_; !hardly_known(p, deviation); now = counts_) {
         for (int k = 0; k < error.cols(); ++k)
@@ -300,11 +303,11 @@ class Step {
         deviation = promised(p);
       }
       if (counts_ == before) continue;
-      const bool lost = hardly_known(p, deviation);
+      const bool lost = result_.information(p, p) < most_of_it * known;
       if (tracing())
         fmt::print(stderr, "slopes over {}.{} are wrong in {} blocks, {}\n", priors_[p].id, priors_[p].name,
                    std::ranges::count(before, true) - std::ranges::count(counts_, true),
-                   lost ? "but nothing else knows it" : "which are left out");
+                   lost ? "but little else knows it" : "which are left out");
       if (!lost) continue;
       counts_ = before;
       weigh(pull, each);
