@@ -61,7 +61,8 @@ struct Course {
 struct LadderStep {
   int step = 0;
   std::string added;    ///< "" = the start, or a step back
-  std::string removed;  ///< an effect that later ones made superfluous, or that the one added took the place of
+  /// An effect that later ones made superfluous, or what the one added took the place of: one, or "a and b".
+  std::string removed;
   SensorModel model;
   Score score;
   /// What changed, in words; `start` if nothing was added yet.
