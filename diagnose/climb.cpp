@@ -248,7 +248,7 @@ class Climb {
     others_.push_back({found.refined, found.others});
     for (std::size_t k = 0; k + 1 < others_.size() && last().dispersion <= leaves_little; ++k)
       for (const Refined& other : others_[k].others)
-        if (overlaps(other, k, found.refined) && do_for_two(k, other)) return true;
+        if (overlaps(other, k, found.refined) && take_one_for_two(k, other)) return true;
     for (std::size_t k = 0; k + 1 < others_.size(); ++k) {
       if (std::exchange(others_[k].had_their_turn, true)) continue;
       const double close = search_options_.close_behind * others_[k].added.train_gain;
@@ -322,7 +322,7 @@ class Climb {
 
   /// A wrong one of two that move the same leaves something that a third makes up for: candidate k and the last one may
   /// be one effect, if that leaves no more. False if not.
-  bool do_for_two(std::size_t k, const Refined& other) {
+  bool take_one_for_two(std::size_t k, const Refined& other) {
     if (is_added(other.effect)) return false;
     const CandidateReport &first = climbed_.candidates[k], &second = climbed_.candidates.back();
     InPlace one = in_place_of({first.id, second.id}, other);

@@ -231,8 +231,8 @@ class Step {
       }
       for (std::size_t k = 0; k < layout_.blocks.size(); ++k) {
         if (!kept_[p][layout_.blocks[k].segment]) continue;
-        // Of a smooth curve whose slope s is b larger on one side, the slope to both sides is wrong by about b^2 / s;
-        // where b is as large as s, it is no slope.
+        // Where the slope to one side is larger than that to both by a share x, that to both is wrong by about a share
+        // x^2 on a smooth curve; where x is 1, it is no slope. All of these are squares.
         const double b = common_square(layout_.blocks[k], sides), s = common_square(layout_.blocks[k], each[p]);
         if (b > 0) error(p, static_cast<int>(k)) = s > b ? b * b / s : b;
       }

@@ -26,18 +26,24 @@ struct LastStep {
   /// Of value: scatter among simulations and priors together, and the step itself where it is longer than chance makes
   /// it (length^2 over n + 3 sqrt(2 n) of n parameters): slopes do not hold over that.
   Eigen::MatrixXd covariance;
-  double freedom = 1;           ///< of its scatter
-  double length = 0;            ///< of the step, in standard deviations of its direction, itself not counted
-  std::vector<double> place;    ///< of the motions, in the rung
+  double freedom = 1;         ///< of its scatter
+  double length = 0;          ///< of the step, in standard deviations of its direction, itself not counted
+  std::vector<double> place;  ///< of the motions, in the rung
   std::vector<NuisanceRow> rows;
-  Metric metric;                   ///< of the motions alone, on train
-  std::vector<Whitened> jacobian;  ///< of segments in which it is not mostly noise
+  Metric metric;  ///< of the motions alone, on train
+  /// By parameter: change of y per unit of its scale. 0 in segments in which it is mostly noise, and in the blocks
+  /// whose slopes are no slopes (see last_step).
+  std::vector<Whitened> jacobian;
 };
 
 /// The model where `share` of the step leads. `priors`: those that it was made with.
 SensorModel stepped(const LastStep& step, const std::vector<FitParameter>& priors, double share);
 
 /// `priors`: the rung's parameters with their first priors. `series`: captures from power-on are not shortened.
+/// Derivatives are taken to both sides. A block (a segment of a capture) in which a parameter's derivatives to the two
+/// sides differ so much that its slope is wrong by half a standard deviation of y, over a standard deviation of the
+/// parameter, counts for no parameter; unless such blocks hold half of what is known of it, or it belongs to a mask.
+/// Throws what simulating throws.
 LastStep last_step(const Experiment& experiment, const std::vector<SceneMotion>& motions, const Rung& rung,
                    const std::vector<FitParameter>& priors, bool series, std::uint64_t seed);
 
