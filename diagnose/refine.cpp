@@ -142,7 +142,8 @@ LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, c
   few.most_frames = 2;
   few.seed = refiner.seed + 20;
   few.shared = false;
-  for (int k = 0; k < 3; ++k) {
+  // A few targets do not tell a wave from some others.
+  for (int k = 0; k < (place ? 3 : 6); ++k) {
     const auto most = std::max_element(power.begin(), power.end());
     if (*most <= 0) break;
     few.only.push_back(static_cast<int>(most - power.begin()));

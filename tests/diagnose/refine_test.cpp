@@ -37,6 +37,30 @@ TEST(LookCloseBy, APeriodIsNotTakenForItsAliasInMapsOfCells) {
   }
 }
 
+TEST(LookCloseBy, AWaveIsNotTakenForOneThatDoesTheSameToAFewTargets) {
+  // What moves most when waves are added are long series and what stands near. Behind smoothed edges, a wave that is
+  // 2 % longer and elsewhere in its period does the same to three of them.
+  const bench::SmallCampaign world;
+  const double wavelength_mm = 126;
+  SensorModel truth = model_with("tof_wiggling", {{"amplitude", 0.35}, {"wavelength", wavelength_mm}, {"phase", 0.3}});
+  const SensorModel start = without_effect(truth, "tof_wiggling");
+  add_effect(truth, effect_catalogue(), "smoothing", {{"sigma", 1.0}});
+  const Case c(truth, start, world);
+  const Rung rung = c.fitted({.simulations = 8, .passes = 1});
+  const Hypotheses all = make_hypotheses(c.experiment.forward(), c.start);
+  const auto wave = std::ranges::find(all.tested, "tof_wiggling", &Hypothesis::effect);
+  ASSERT_NE(wave, all.tested.end());
+  const int h = static_cast<int>(wave - all.tested.begin());
+  SignatureBook book(c.experiment, c.start, all, {});
+  book.look_at({h}, false);
+  const Refiner refiner{c.experiment, c.motions, rung, c.measured, 2, 501, Part::all, frames_for(rung)};
+  const LinearGain found = look_close_by(refiner, *wave, {h, 0, wave->paths[0].atoms[0].values}, book.signatures());
+  // Half of the way to the next one that is tried.
+  const double apart = 0.25 * period_spacing(*wave->declaration->parameter("wavelength"), wavelength_mm,
+                                             c.experiment.nominal(0).depth_mm.cols);
+  EXPECT_NEAR(found.values.at("wavelength") / wavelength_mm, 1, 0.5 * apart);
+}
+
 TEST(Remainder, KnowsHowFarAModelsOwnRecordingsScatter) {
   // Patches wider than a cell of the bias maps put a map of chance into each capture of a tilted target.
   const Case c(noise_alone(0.3), noise_alone(0.3));
