@@ -97,7 +97,7 @@ class Climb {
   const SignatureBook& book_from_given() {
     const Rung& first = climbed_.rungs[0];
     const bool about_given = first.dispersion > search_options_.astray;
-    if (about_given || !bent()) return *book_;
+    if (about_given || !bent(first)) return *book_;
     if (!book_as_given_) {
       book_as_given_.emplace(experiment_, given_, all_, SignatureOptions{.seed = seed_ * 7001});
       book_as_given_->look_at(everyone(), false);
@@ -105,7 +105,7 @@ class Climb {
     return *book_as_given_;
   }
 
-  bool bent() const { return !parameters_bent(climbed_.rungs[0], given_, search_options_.bent).empty(); }
+  bool bent(const Rung& rung) const { return !parameters_bent(rung, given_, search_options_.bent).empty(); }
 
   std::vector<int> everyone() const {
     std::vector<int> result(all_.tested.size());
@@ -178,7 +178,7 @@ class Climb {
     const auto [hypotheses, signatures] = left(*book_);
     const SearchResult found = search(
         experiment_, motions_, last(), measured_, hypotheses, signatures,
-        Standing{!climbed_.evidence.accepted.empty(), bent(), looked_in_vain_, !step_failed_},
+        Standing{!climbed_.evidence.accepted.empty(), bent(last()), looked_in_vain_, !step_failed_},
         [this] { return beginning(); }, search_options_);
     if (climbed_.ranking.empty())
       for (std::size_t h = 0; h < hypotheses.tested.size(); ++h)
@@ -399,7 +399,10 @@ class Climb {
     std::set<std::string> tried{best->effect};
     for (const Refined* other : worthy) {
       if (tried.size() > most_runners_up) break;
-      if (other->score() <= search_options_.close_behind * best->score() || tried.contains(other->effect)) continue;
+      // What needs no bent parameters has less to gain by fitting.
+      const double close =
+          other->from_given && !best->from_given ? search_options_.close_from_given : search_options_.close_behind;
+      if (other->score() <= close * best->score() || tried.contains(other->effect)) continue;
       if (rung.dispersion > many_missing && !standing_beside(rung, *best, {other}).empty()) continue;
       if (tried.size() > 1 && unexplained(experiment_.layout(), chosen.rung).empty()) break;
       tried.insert(other->effect);

@@ -61,7 +61,7 @@ class Search {
     if (standing_.exact_steps_first && take_certain_step()) return std::move(result_);
     refine_shortlist();
     const bool known = result_.explained_by_one(options_) || result_.happening(options_);
-    if (!known && astray() && !first_of_many())
+    if (made_up_for() || (!known && astray() && !first_of_many()))
       look_again(beginning_());
     else if (!known && lines_unexplained())
       look_again(steps_of(beginning_()));
@@ -402,6 +402,13 @@ class Search {
     if (!standing_.added && standing_.bent) return true;
     if (!proven) return left_ > options_.unexplained || !unexplained(experiment_.layout(), rung_).empty();
     return !standing_.added && left_ > options_.astray;
+  }
+
+  /// With what was added, a parameter went so far that hardly anything is left: what is accepted now may be no more than
+  /// what it did not make up for.
+  bool made_up_for() const {
+    return standing_.added && standing_.bent && rung_.dispersion <= leaves_something && !standing_.looked_in_vain &&
+           !result_.accepted(options_).empty();
   }
 
   /// So much is left by one that explains so much more than all others that several are missing: it comes first, and

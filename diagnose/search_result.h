@@ -44,7 +44,8 @@ struct SearchOptions {
   double disappointing = 0.5;  ///< share of the linear gain: a ring that gains less is fitted by what seeds agree on
   int refine = 4;              ///< so many are fitted, and those that
   double rival = 0.75;         ///< gain at least this share of what the best of the list does,
-  double close_behind = 0.9;   ///< share of the best one's gain: what comes so close is tried in its place, too
+  double close_behind = 0.9;   ///< share of the best one's gain: what comes so close is tried in its place, too,
+  double close_from_given = 0.5;  ///< and with so much what was fitted from the parameters as given
   double overtakes = 0.5;      ///< where much is missing, places are looked for closely with this share of the best's
   double hopeless = 0.3;  ///< unless they explain less than this share (half of it if they have periods or places) of
                           ///< what the best does

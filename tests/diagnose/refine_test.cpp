@@ -101,5 +101,31 @@ TEST(Search, WhatARecordingsOwnDrawLeavesIsNotHeldAgainstAHypothesis) {
   EXPECT_FALSE(found.accepted(options).empty());
 }
 
+TEST(Search, LooksFromTheGivenParametersWhereBentOnesLeaveHardlyAnything) {
+  // Little is left, and something explains that; but where a parameter went far since, it may have made up for more.
+  const SensorModel start = noise_alone(0.3);
+  const Case c(model_with("incidence_noise", {{"amplitude", 0.5}}), start);
+  const Rung rung = c.fitted({.simulations = 12, .passes = 1});
+  ASSERT_LE(rung.dispersion, leaves_something);
+  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), start);
+  std::erase_if(hypotheses.tested, [](const Hypothesis& h) { return h.effect != "incidence_noise"; });
+  SignatureBook book(c.experiment, start, hypotheses, {});
+  book.look_at({0}, false);
+  const SearchOptions options;
+  const auto found = [&](const Standing& standing) {
+    return search(
+        c.experiment, c.motions, rung, c.measured, hypotheses, book.signatures(), standing,
+        [&] {
+          return Beginning{start, book.signatures(), book.simulations()};
+        },
+        options);
+  };
+  const SearchResult bent = found({.added = true, .bent = true, .looked_in_vain = false, .exact_steps_first = true});
+  ASSERT_FALSE(bent.accepted(options).empty());
+  EXPECT_TRUE(bent.looked_again);
+  EXPECT_FALSE(found({.added = true, .bent = false, .looked_in_vain = false, .exact_steps_first = true}).looked_again);
+  EXPECT_FALSE(found({.added = true, .bent = true, .looked_in_vain = true, .exact_steps_first = true}).looked_again);
+}
+
 }  // namespace
 }  // namespace binrig
