@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/error.h"
+#include "diagnose/experiment.h"
 
 namespace binrig {
 namespace {
@@ -102,8 +103,9 @@ Hypothesis make(const EffectDeclaration& effect) {
     path.detail = detail[k];
     path.one_of_many = k >= first_place;
     path.interpolate = !is_discrete(*amplitude);
-    // Pixels that come and go do not come and go the other way round.
-    path.mirror = amplitude->either_sign && path.interpolate && !effect.may_clear;
+    // Pixels that come and go do not come and go the other way round, and what changes from frame to frame makes noise
+    // whichever way it goes.
+    path.mirror = amplitude->either_sign && path.interpolate && !effect.may_clear && !needs_whole_series(effect.needs);
     for (double a : amplitudes(effect, *amplitude, k == 0 && !phase)) {
       Atom atom{shapes[k]};
       atom.values[effect.amplitude] = a;
