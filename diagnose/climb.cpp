@@ -378,7 +378,8 @@ class Climb {
     std::set<std::string> beaten;  ///< effects that came close, but the data tell them from the best
   };
   /// The one that is added. The runner-up is tried, too: a model's bent parameters may have favoured the wrong one. So
-  /// are more that came close, as long as something stays unexplained.
+  /// are more that came close, as long as something stays unexplained. Close is half as much for what was fitted from
+  /// the parameters as given, beside a best one that leans on bent ones: it needs none bent to gain that.
   Chosen choose(const Rung& rung, const std::vector<const Refined*>& worthy,
                 const std::vector<Signature>& signatures) const {
     const Refined* best = worthy[0];
@@ -399,7 +400,6 @@ class Climb {
     std::set<std::string> tried{best->effect};
     for (const Refined* other : worthy) {
       if (tried.size() > most_runners_up) break;
-      // What needs no bent parameters has less to gain by fitting.
       const double close =
           other->from_given && !best->from_given ? search_options_.close_from_given : search_options_.close_behind;
       if (other->score() <= close * best->score() || tried.contains(other->effect)) continue;

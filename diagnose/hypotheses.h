@@ -22,7 +22,7 @@ struct Atom {
 struct StrengthPath {
   std::vector<Atom> atoms;
   bool interpolate = true;
-  bool mirror = false;     ///< the opposite sign is taken as the opposite trace
+  bool mirror = false;     ///< the opposite sign is taken as the opposite trace; else it has a path of its own
   int quadrature_of = -1;  ///< index of the path a quarter period before: both together span every phase
   /// Looked at only where the hypothesis' other paths explain something: it differs from the first one by a parameter
   /// that changes the trace little by little.

@@ -43,9 +43,10 @@ Remainder registered_remainder(const Refiner& refiner, const SensorModel& model)
 void add_power(const Layout& layout, const Whitened& change, std::vector<double>& power);
 
 /// Where a hypothesis has a period and a phase, or a place in the image, its best ones: what the signatures say of them
-/// is of a few periods or a coarse grid only. Simulated are the captures in which its signatures change most. Where it
-/// is a step, the best of those it is tried at, by simulation: what a step does to the lines of the values is no small
-/// change. Else, and where nothing is better, the start. `reach`: of by_place.
+/// is of a few periods or a coarse grid only. Simulated are the captures in which its signatures change most: six for a
+/// period, since in fewer one wave does what another does; three for a place. Where it is a step, the best of those it
+/// is tried at, by simulation: what a step does to the lines of the values is no small change. Else, and where nothing
+/// is better, the start. `reach`: of by_place.
 LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start,
                          const std::vector<Signature>& signatures, std::optional<double> reach = {});
 

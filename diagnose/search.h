@@ -12,7 +12,7 @@ namespace binrig {
 /// How a rung's model came about, and what was tried on the way.
 struct Standing {
   bool added;  ///< effects were added to the model given
-  bool bent;   ///< a parameter of it went far from where it was given
+  bool bent;   ///< a parameter of the model given went far from there, in the rung as it is now
   /// The last second look from the parameters as given named nothing that was added.
   bool looked_in_vain;
   /// A step of which all values are whole multiples goes first; false where that was tried and made nothing better.
