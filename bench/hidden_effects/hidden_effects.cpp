@@ -118,7 +118,8 @@ int run(int argc, char** argv) {
     try {
       const Truth truth = make_truth(forward, c);
       const Diagnosis diagnosis = ask(forward, truth, cache, options);
-      line = line_of(c, truth, diagnosis, cpu_seconds() - cpu);
+      const double asked_s = cpu_seconds() - cpu;
+      line = line_of(c, truth, traces_of(forward, truth), diagnosis, asked_s);
     } catch (const Error& error) {
       line = {{"key", c.key()}, {"kind", c.kind}, {"error", error.what()}};
     }

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
 
 #include "core/error.h"
 #include "sim/effect.h"
@@ -83,8 +84,28 @@ Truth make_truth(const SceneForwardModel& forward, const Case& c) {
     std::erase_if(truth.start.effects, [&](const EffectInstance& e) { return e.effect == name; });
   }
   truth.offsets = bench::drawn_offsets(forward, draws.child("registration").key());
-  truth.recording = record(forward, truth.instrument, truth.hidden, truth.offsets, draws.child("frames").key());
+  truth.frames_seed = draws.child("frames").key();
+  truth.recording = record(forward, truth.instrument, truth.hidden, truth.offsets, truth.frames_seed);
   return truth;
+}
+
+std::vector<double> traces_of(const SceneForwardModel& forward, const Truth& truth) {
+  std::vector<double> traces;
+  for (std::size_t k = 0; k < truth.hidden.size(); ++k) {
+    SensorModel instrument = truth.instrument;
+    std::erase_if(instrument.effects, [&](const EffectInstance& e) { return e.effect == truth.hidden[k].name; });
+    auto others = truth.hidden;
+    others.erase(others.begin() + static_cast<std::ptrdiff_t>(k));
+    const auto without = record(forward, instrument, others, truth.offsets, truth.frames_seed);
+    double changed = 0, all = 0;
+    for (std::size_t c = 0; c < without.size(); ++c)
+      for (std::size_t i = 0; i < without[c].size(); ++i) {
+        changed += cv::countNonZero(without[c][i].depth_mm != truth.recording[c][i].depth_mm);
+        all += static_cast<double>(without[c][i].depth_mm.total());
+      }
+    traces.push_back(changed / all);
+  }
+  return traces;
 }
 
 Diagnosis ask(const SceneForwardModel& forward, const Truth& truth, SimulationCache& cache,
@@ -118,7 +139,8 @@ std::map<std::string, double> disagreement(const SceneForwardModel& forward, con
   return square;
 }
 
-nlohmann::json line_of(const Case& c, const Truth& truth, const Diagnosis& diagnosis, double cpu_s) {
+nlohmann::json line_of(const Case& c, const Truth& truth, const std::vector<double>& traces, const Diagnosis& diagnosis,
+                       double cpu_s) {
   nlohmann::json line = {{"key", c.key()},
                          {"kind", c.kind},
                          {"effects", c.effects},
@@ -129,7 +151,10 @@ nlohmann::json line_of(const Case& c, const Truth& truth, const Diagnosis& diagn
                          {"cpu_s", cpu_s},
                          {"wall_s", diagnosis.seconds},
                          {"simulations", diagnosis.simulations}};
-  for (const HiddenEffect& effect : truth.hidden) line["truth"][effect.name] = effect.values;
+  for (std::size_t k = 0; k < truth.hidden.size(); ++k) {
+    line["truth"][truth.hidden[k].name] = truth.hidden[k].values;
+    line["trace"][truth.hidden[k].name] = traces.at(k);
+  }
   line["candidates"] = nlohmann::json::array();
   for (const CandidateReport& candidate : diagnosis.candidates) {
     nlohmann::json entry = {{"effect", candidate.effect},

@@ -37,8 +37,13 @@ struct Truth {
   SensorModel start;            ///< the model that the diagnosis begins with: five effects, less those hidden
   std::vector<HiddenEffect> hidden;
   bench::Recording recording;
+  std::uint64_t frames_seed = 0;  ///< of `recording`
 };
 Truth make_truth(const SceneForwardModel& forward, const Case& c);
+
+/// Of each hidden effect the share of all pixels of all frames whose stored depth would be another one without it, in
+/// the order of `hidden`. With 0 nothing that is recorded tells of it: a threshold that no target comes near.
+std::vector<double> traces_of(const SceneForwardModel& forward, const Truth& truth);
 
 Diagnosis ask(const SceneForwardModel& forward, const Truth& truth, SimulationCache& cache,
               const DiagnosisOptions& options);
@@ -51,10 +56,13 @@ std::map<std::string, double> disagreement(const SceneForwardModel& forward, con
 /// The lines of a study's file; none if there is no such file. The last one may be cut off, and is then left out.
 std::vector<nlohmann::json> read_lines(const std::string& path);
 
-/// One line of the study's file.
-nlohmann::json line_of(const Case& c, const Truth& truth, const Diagnosis& diagnosis, double cpu_s);
+/// One line of the study's file. `traces` as of traces_of.
+nlohmann::json line_of(const Case& c, const Truth& truth, const std::vector<double>& traces, const Diagnosis& diagnosis,
+                       double cpu_s);
 
-/// Confusion matrix, rates with exact (Clopper-Pearson) 95 % intervals, errors, coverage, times.
+/// Confusion matrix, rates with exact (Clopper-Pearson) 95 % intervals, errors, coverage, times. What leaves no trace
+/// cannot be found: such a recording counts for no rate of right answers, but an answer to it that names the effect, or
+/// any other, is an alarm (`no_trace_alarms`).
 nlohmann::json summary_of(const std::vector<nlohmann::json>& lines);
 std::string summary_text(const nlohmann::json& summary);
 

@@ -62,7 +62,7 @@ std::pair<double, double> exact_interval(int successes, int trials) {
 
 nlohmann::json summary_of(const std::vector<nlohmann::json>& lines) {
   std::map<std::string, Share> first, named, alone, detected, floor;
-  Share alarms, false_unknown, pairs, unknown, amplitude_covered, all_covered;
+  Share alarms, false_unknown, no_trace_alarms, pairs, unknown, amplitude_covered, all_covered;
   std::map<std::string, std::map<std::string, int>> confusion;
   std::map<std::string, std::vector<double>> errors;
   std::vector<double> before, after, cpu;
@@ -79,7 +79,12 @@ nlohmann::json summary_of(const std::vector<nlohmann::json>& lines) {
         if (line["candidates"][k]["effect"] == name) return true;
       return false;
     };
-    if (kind == "none") {
+    const auto without_trace = [](const nlohmann::json& trace) { return trace == 0; };
+    if (line.contains("trace") && std::any_of(line["trace"].begin(), line["trace"].end(), without_trace)) {
+      // Of one effect nothing is left to find; of a pair, the other.
+      if (kind == "one") no_trace_alarms.count(!line["candidates"].empty());
+      confusion["no trace: " + line["key"].get<std::string>()][first_name(line)] += 1;
+    } else if (kind == "none") {
       alarms.count(!line["candidates"].empty());
       false_unknown.count(verdict == "unknown_effect");
       confusion["(none)"][first_name(line)] += 1;
@@ -123,6 +128,7 @@ nlohmann::json summary_of(const std::vector<nlohmann::json>& lines) {
   for (const auto& [kind, share] : floor) summary["heldout_within_15_percent_of_floor"][kind] = share.json();
   summary["none_hidden_alarms"] = alarms.json();
   summary["none_hidden_called_unknown"] = false_unknown.json();
+  summary["no_trace_alarms"] = no_trace_alarms.json();
   summary["pairs_both_in_three_steps"] = pairs.json();
   summary["outside_called_unknown"] = unknown.json();
   summary["amplitude_ci95_covers"] = amplitude_covered.json();

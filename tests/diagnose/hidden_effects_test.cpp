@@ -1,5 +1,6 @@
 // The diagnosis asked about recordings whose truth is known: a small part of bench/hidden_effects.
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <numbers>
@@ -57,6 +58,30 @@ TEST(HiddenData, AgreeWithTheCatalogueInEverySegment) {
     for (const auto& [segment, square] : hidden::disagreement(world().forward(), truth, world().cache, 8))
       EXPECT_LT(square, 2) << effect << ", " << segment;
   }
+}
+
+TEST(HiddenData, WhatLeavesNoTraceCountsForNoRate) {
+  const Case c{"one", {"no_return"}, Strength::strong, 3};
+  auto truth = hidden::make_truth(world().forward(), c);
+  const auto traces_from = [&](double threshold) {
+    truth.hidden[0].values["threshold"] = threshold;
+    truth.recording =
+        hidden::record(world().forward(), truth.instrument, truth.hidden, truth.offsets, truth.frames_seed);
+    return hidden::traces_of(world().forward(), truth);
+  };
+  const auto of_dark_targets = traces_from(0.2), of_nothing = traces_from(1e-6);
+  EXPECT_GT(of_dark_targets.at(0), 0);
+  EXPECT_EQ(of_nothing.at(0), 0);
+
+  Diagnosis answer;
+  answer.verdict = Verdict::nothing_missing;
+  const auto summary_with = [&](const std::vector<double>& traces) {
+    const std::vector<nlohmann::json> lines(1, hidden::line_of(c, truth, traces, answer, 1));
+    return hidden::summary_of(lines);
+  };
+  EXPECT_EQ(summary_with(of_dark_targets)["right_first"]["strong"]["of"], 1);
+  EXPECT_FALSE(summary_with(of_nothing).contains("right_first"));
+  EXPECT_EQ(summary_with(of_nothing)["no_trace_alarms"]["of"], 1);
 }
 
 class HiddenEffect : public ::testing::TestWithParam<const char*> {};
