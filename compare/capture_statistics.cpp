@@ -82,8 +82,10 @@ struct CaptureStatistics::Impl {
     const float *z = frame.depth_mm.ptr<float>(), *nominal = channels->depth_mm.ptr<float>();
     const float *counted = regions->counted.ptr<float>(), *interior = regions->interior.ptr<float>();
     float *r = seen.residual_mm.ptr<float>(), *m = seen.measured.ptr<float>(), *used = seen.used.ptr<float>();
+#pragma omp simd
     for (int p = 0; p < count; ++p) {
-      m[p] = z[p] > 0.f ? counted[p] : 0.f;
+      const float counts = counted[p];
+      m[p] = z[p] > 0.f ? counts : 0.f;
       r[p] = m[p] * (z[p] - nominal[p]);
     }
     double depth_mm = 0, measured = 0;

@@ -96,16 +96,17 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
     const double its = remainder_of(refiner, with_effect(given, catalogue, effect, values), {}, {}).train;
     if (is_step_of(start) || its < start.chi) start = {start.hypothesis, values, its, without - its};
   };
-  for (Start& start : starts) {
-    const Hypothesis& hypothesis = hypotheses.tested[start.hypothesis];
-    if (is_step_of(start) || has_period(*hypothesis.declaration))
-      try_at(start, look_close_by(refiner, hypothesis, {start.hypothesis, 0, start.values}, signatures).values);
-  }
   // What explains too little is no way to what explains more.
   const auto least = [&](const Start& start) {
     return least_share.empty() ? -std::numeric_limits<double>::infinity()
                                : half * least_share[start.hypothesis] * without;
   };
+  for (Start& start : starts) {
+    const Hypothesis& hypothesis = hypotheses.tested[start.hypothesis];
+    if (!is_step_of(start) && !has_period(*hypothesis.declaration)) continue;
+    const LinearGain from_here{start.hypothesis, 0, start.values};
+    try_at(start, look_close_by(refiner, hypothesis, from_here, signatures, {}, least(start)).values);
+  }
   if (!least_share.empty()) {
     // Signatures are of two strengths. What the linear view makes of one between is to prove it.
     const auto linear = Ranking(experiment, as_given, hypotheses, signatures).gains(as_given.rest, as_given.nuisances);

@@ -16,7 +16,8 @@ namespace {
 constexpr int seeds = 4;
 constexpr double worth_it = 9;  // of a square: three standard deviations of one motion
 constexpr int most_steps = 3;   // of one motion in one direction
-constexpr int most_walks = 6;   // over all motions, as long as one takes a twentieth off the square
+constexpr int most_walks = 6;   // over all motions, as long as one leaves
+constexpr double clearly = 0.95;  // of the square at most
 
 /// Walks the target of one capture.
 class Walk {
@@ -31,15 +32,17 @@ class Walk {
         offsets_(rung.offsets),
         square_(square_at(offsets_)) {}
 
-  void run() {
+  /// True if it clearly stands better than before.
+  bool run() {
     const double before = square_;
     double last = 0;
-    for (int walk = 0; walk < most_walks && (walk == 0 || square_ < 0.95 * last); ++walk) {
+    for (int walk = 0; walk < most_walks && (walk == 0 || square_ < clearly * last); ++walk) {
       last = square_;
       over_all_motions();
     }
     if (tracing())
       fmt::print(stderr, "  capture {} registered by its edges: square {:.0f} -> {:.0f}\n", capture_, before, square_);
+    return square_ < clearly * before;
   }
 
   const std::vector<Offset>& offsets() const { return offsets_; }
@@ -135,15 +138,15 @@ bool register_by_edges(const Experiment& experiment, const std::vector<SceneMoti
   bool another = false;
   for (int k = 0; k < registrations; ++k) {
     std::vector<Offset> offsets = rung.offsets;
-    std::vector<int> moved;
+    std::vector<int> clearly_moved;
+    bool moved = false;
     for (const int capture : captures) {
       Walk walk(experiment, motions, rung, capture, options.seed + 700);
-      walk.run();
-      if (walk.offsets()[capture] == rung.offsets[capture]) continue;
-      moved.push_back(capture);
+      if (walk.run()) clearly_moved.push_back(capture);
+      moved |= walk.offsets()[capture] != rung.offsets[capture];
       offsets[capture] = walk.offsets()[capture];
     }
-    if (moved.empty()) break;
+    if (!moved) break;
     Rung next = made_anew(experiment, motions, measured, rung.model, offsets, options, rung.fit.parameters);
     const double now = proper_score(layout, rung, Part::all), then = proper_score(layout, next, Part::all);
     if (tracing()) fmt::print(stderr, "  registered by edges: proper {:.4f} -> {:.4f}\n", now, then);
@@ -151,7 +154,7 @@ bool register_by_edges(const Experiment& experiment, const std::vector<SceneMoti
     rung = std::move(next);
     another = true;
     if (then > now - worth_another) break;
-    captures = std::move(moved);
+    captures = std::move(clearly_moved);
   }
   return another;
 }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <numeric>
 
 #include <fmt/format.h>
 
@@ -78,6 +79,25 @@ std::vector<LinearGain> peaks_of(std::vector<LinearGain> gains) {
   return peaks;
 }
 
+/// The captures of most power, at most so many.
+std::vector<int> strongest(const std::vector<double>& power, int most) {
+  std::vector<int> captures(power.size());
+  std::iota(captures.begin(), captures.end(), 0);
+  std::ranges::stable_sort(captures, std::greater(), [&](int c) { return power[c]; });
+  captures.resize(std::min<std::size_t>(most, std::ranges::count_if(power, [](double p) { return p > 0; })));
+  return captures;
+}
+
+/// Places in the list of the third that gains most, in the order of the list.
+std::vector<int> best_third(const std::vector<LinearGain>& gains) {
+  std::vector<int> order(gains.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::ranges::stable_sort(order, std::greater(), [&](int k) { return gains[k].gain; });
+  order.resize((order.size() + 2) / 3);
+  std::ranges::sort(order);
+  return order;
+}
+
 /// The one that leaves least when it is simulated.
 LinearGain best_simulated(const Refiner& refiner, const Hypothesis& hypothesis, std::vector<LinearGain> peaks) {
   const EffectCatalogue& catalogue = refiner.experiment.forward().catalogue();
@@ -126,7 +146,7 @@ void add_power(const Layout& layout, const Whitened& change, std::vector<double>
 }
 
 LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start,
-                         const std::vector<Signature>& signatures, std::optional<double> reach) {
+                         const std::vector<Signature>& signatures, std::optional<double> reach, double least) {
   const Experiment& experiment = refiner.experiment;
   const Rung& rung = refiner.rung;
   const int cols = experiment.nominal(0).depth_mm.cols;
@@ -142,25 +162,30 @@ LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, c
   few.most_frames = 2;
   few.seed = refiner.seed + 20;
   few.shared = false;
-  // A few targets do not tell a wave from some others.
-  for (int k = 0; k < (place ? 3 : 6); ++k) {
-    const auto most = std::max_element(power.begin(), power.end());
-    if (*most <= 0) break;
-    few.only.push_back(static_cast<int>(most - power.begin()));
-    *most = -1;
-  }
-  const auto gains = [&](std::vector<Hypothesis> close) {
+  const auto gains = [&](std::vector<Hypothesis> close, int captures) {
+    few.only = strongest(power, captures);
     return gains_about(experiment, rung, {std::move(close), {}}, few);
   };
+  constexpr int scanned = 3, compared = 6;  // captures: a few targets do not tell a wave from some others
   LinearGain found;
   if (place) {
-    found = gains({by_place(hypothesis, start.values, reach)})[0];
+    found = gains({by_place(hypothesis, start.values, reach)}, scanned)[0];
   } else {
-    // Maps are of cells of several pixels, which see a short period as a long one: what is nearest there is simulated.
-    std::vector<LinearGain> peaks = peaks_of(gains(by_period(hypothesis, start.values, cols)));
+    std::vector<Hypothesis> periods = by_period(hypothesis, start.values, cols);
+    std::vector<LinearGain> peaks = gains(periods, scanned);
+    const double best = std::ranges::max(peaks, {}, &LinearGain::gain).gain;
+    if (best * experiment.layout().captures < scanned * least) return start;  // nowhere does it change more
+    const std::vector<int> hopeful = best_third(peaks);
+    std::vector<Hypothesis> closer;
+    for (const int k : hopeful) closer.push_back(std::move(periods[k]));
+    for (LinearGain& peak : peaks) peak.gain = 0;
+    const std::vector<LinearGain> again = gains(std::move(closer), compared);
+    for (std::size_t k = 0; k < hopeful.size(); ++k) peaks[hopeful[k]] = again[k];
+    peaks = peaks_of(std::move(peaks));
     if (peaks[0].gain <= 0) return start;
+    // Maps are of cells of several pixels, which see a short period as a long one: what is nearest there is simulated.
     for (LinearGain& peak : peaks)
-      peak = std::ranges::max(gains(by_period_near(hypothesis, peak.values, cols)), {}, &LinearGain::gain);
+      peak = std::ranges::max(gains(by_period_near(hypothesis, peak.values, cols), compared), {}, &LinearGain::gain);
     found = best_simulated(refiner, hypothesis, std::move(peaks));
   }
   found.hypothesis = start.hypothesis;

@@ -438,8 +438,7 @@ class Search {
                                        [](const Refined* a, const Refined* b) { return a->score() < b->score(); });
     const int known = best == accepted.end() ? -1 : (*best)->hypothesis;
     const double by_chance = rung_.train.explain(rung_.data, rung_.place).chi / rung_.dispersion;
-    // Of what was there in the beginning, other effects hid a part.
-    const double share = standing_.added ? options_.least_share * (1 - 1 / rung_.dispersion) : 0;
+    const double share = options_.least_share * (1 - 1 / rung_.dispersion);  // less than that is not accepted
     std::vector<double> least_share;
     for (const double gate : own_gate_) least_share.push_back(std::max(gate / by_chance, share));
     for (Anew& anew : look_anew(experiment_, motions_, measured_, from, hypotheses_, known, options_.anew,

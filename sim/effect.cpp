@@ -121,7 +121,9 @@ bool any_between(const Layers& layers, const cv::Mat& value, float low, float hi
   for (int row = 0; row < value.rows; ++row) {
     const float* v = value.ptr<float>(row);
     const std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
-    int found = 0;
+    int near = 0, found = 0;
+    for (int col = 0; col < value.cols; ++col) near |= (v[col] >= low) & (v[col] <= high);  // vectorised; mostly none is
+    if (!near) continue;
     for (int col = 0; col < value.cols; ++col) found |= (v[col] >= low) & (v[col] <= high) & (reason[col] == 0);
     if (found) return true;
   }

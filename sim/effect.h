@@ -149,12 +149,15 @@ void map_depth(Layers& layers, const MapOfRow& map_of_row) {
 template <class PredicateOfRow>
 void invalidate_where(Layers& layers, Reason why, const PredicateOfRow& predicate_of_row) {
   for_rows(layers.depth_mm.size(), [&](int first, int last) {
+    const int cols = layers.depth_mm.cols;
+    std::vector<int> hit(cols);  // loops of one width each: the compiler vectorises no others
     for (int row = first; row < last; ++row) {
       const auto predicate = predicate_of_row(row);
+      for (int col = 0; col < cols; ++col) hit[col] = predicate(col) ? static_cast<int>(why) : 0;
       std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
-      for (int col = 0; col < layers.depth_mm.cols; ++col) {
-        const bool hit = predicate(col);
-        reason[col] = reason[col] == 0 && hit ? static_cast<std::uint8_t>(why) : reason[col];
+      for (int col = 0; col < cols; ++col) {
+        const auto its = static_cast<std::uint8_t>(hit[col]);
+        reason[col] = reason[col] == 0 ? its : reason[col];
       }
     }
   });
