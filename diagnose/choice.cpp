@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include <fmt/format.h>
 
@@ -13,6 +14,7 @@ namespace {
 
 constexpr double told_apart = 0.1;       // dispersion: of ten thousand statistics and more, a thousand of chi
 constexpr double hardly_rises = 0.1;     // of a held-out score that stays as it is, by chance
+constexpr double clearly = 0.01;         // of the proper score, an element
 constexpr double hardly_worse = 0.0025;  // by less, the scatter of its own simulations moves the proper score
 
 }  // namespace
@@ -40,7 +42,11 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
   if (std::abs(left_by_best - left_by_other) > least_gain) return {left_by_other < left_by_best, true};
   const double by_best = best.unexplained(), by_other = runner_up.unexplained();
   if (tracing()) fmt::print(stderr, "  unexplained by {:.2f}, by {:.2f}\n", by_best, by_other);
-  if (by_best != by_other) return {by_other < by_best, false};
+  if (by_best != by_other) {
+    const auto& [less, more] = by_other < by_best ? std::tie(runner_up, best) : std::tie(best, runner_up);
+    const bool simpler = more.parameters < less.parameters && more.proper_score < less.proper_score - clearly;
+    return {(&less == &runner_up) != simpler, false};
+  }
   if (best.parameters != runner_up.parameters) return {runner_up.parameters < best.parameters, false};
   return {left_by_other < left_by_best, false};
 }
@@ -71,7 +77,7 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
 }
 
 bool takes_the_place(const Left& present, const Left& other) {
-  constexpr double clearly = 0.01, much = 0.25, at_least = 0.1;
+  constexpr double much = 0.25, at_least = 0.1;
   const bool properly = other.proper_score < present.proper_score - clearly && other.heldout <= present.heldout;
   const bool held_out = other.heldout < present.heldout - std::max(at_least, much * (present.heldout - 1)) &&
                         other.proper_score < present.proper_score + hardly_worse;

@@ -33,7 +33,8 @@ struct Choice {
 /// it is nearly the same (it sees the captures held out alone), less unexplained on either side; where something is
 /// left by the runner-up only, the best is added. Where neither leaves anything to speak of: the right one leaves
 /// nothing that the other would explain or, if what they leave each other differs by no more than `least_gain`, less
-/// unexplained; if that is equal, too, the one with fewer parameters. What is not needed is not asked for.
+/// unexplained, unless the other has fewer parameters and a proper score that is clearly (0.01) lower; if that is equal,
+/// too, the one with fewer parameters. What is not needed is not asked for.
 Choice choose(const Contender& best, const Contender& runner_up, double least_gain);
 
 /// What a model leaves, everything fitted.

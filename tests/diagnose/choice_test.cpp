@@ -50,6 +50,16 @@ TEST(Choose, WhereSomethingIsLeftTheProperScoreDecides) {
   EXPECT_FALSE(choose(hurried(1.5, -2.1), hurried(1.4, -2.0), least_gain).clear) << "a rival all the same";
 }
 
+TEST(Choose, WhereNothingIsLeftFewerParametersWithALowerProperScoreOutweighALittleUnexplained) {
+  // A strong offset beside a wave of 60 m, which may do the same: chance lifted one segment.
+  const Contender wave = contender(1.00, -3.562, 0, 0, 3), offset = contender(1.01, -3.579, 0, 0.24, 1);
+  EXPECT_TRUE(choose(wave, offset, least_gain).runner_up);
+  EXPECT_FALSE(choose(offset, wave, least_gain).runner_up);
+  const Contender as_many = contender(1.01, -3.579, 0, 0.24, 3), hardly_lower = contender(1.01, -3.564, 0, 0.24, 1);
+  EXPECT_FALSE(choose(wave, as_many, least_gain).runner_up);
+  EXPECT_FALSE(choose(wave, hardly_lower, least_gain).runner_up);
+}
+
 TEST(Choose, WhereProperScoresAreNextToTheSameLessUnexplainedDecides) {
   // Frames that hardly repeat among the captures held out do not tell dead pixels from random ones; train does.
   EXPECT_FALSE(choose(contender(1.14, -1.1376, 0, 18), contender(1.05, -1.1392, 0, 37), least_gain).runner_up);
