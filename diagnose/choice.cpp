@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <tuple>
 
 #include <fmt/format.h>
 
@@ -43,9 +42,10 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
   const double by_best = best.unexplained(), by_other = runner_up.unexplained();
   if (tracing()) fmt::print(stderr, "  unexplained by {:.2f}, by {:.2f}\n", by_best, by_other);
   if (by_best != by_other) {
-    const auto& [less, more] = by_other < by_best ? std::tie(runner_up, best) : std::tie(best, runner_up);
+    const bool by_less = by_other < by_best;
+    const Contender &less = by_less ? runner_up : best, &more = by_less ? best : runner_up;
     const bool simpler = more.parameters < less.parameters && more.proper_score < less.proper_score - clearly;
-    return {(&less == &runner_up) != simpler, false};
+    return {by_less != simpler, false};
   }
   if (best.parameters != runner_up.parameters) return {runner_up.parameters < best.parameters, false};
   return {left_by_other < left_by_best, false};

@@ -14,10 +14,10 @@ namespace binrig {
 namespace {
 
 constexpr int seeds = 4;
-constexpr double worth_it = 9;  // of a square: three standard deviations of one motion
-constexpr int most_steps = 3;   // of one motion in one direction
-constexpr int most_walks = 6;   // over all motions, as long as one leaves
-constexpr double clearly = 0.95;  // of the square at most
+constexpr double worth_it = 9;    // of a square: three standard deviations of one motion
+constexpr double clearly = 0.95;  // of a square, what is left at most where a target stands better
+constexpr int most_steps = 3;     // of one motion in one direction
+constexpr int most_walks = 6;     // over all motions, as long as the target stands clearly better after one
 
 /// Walks the target of one capture.
 class Walk {
