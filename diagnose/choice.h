@@ -33,8 +33,8 @@ struct Choice {
 /// it is nearly the same (it sees the captures held out alone), less unexplained on either side; where something is
 /// left by the runner-up only, the best is added. Where neither leaves anything to speak of: the right one leaves
 /// nothing that the other would explain or, if what they leave each other differs by no more than `least_gain`, less
-/// unexplained, unless the other has fewer parameters and a proper score that is clearly (0.01) lower; if that is equal,
-/// too, the one with fewer parameters. What is not needed is not asked for.
+/// unexplained, unless the other has fewer parameters and a proper score that is clearly (0.01) lower; if that is
+/// equal, too, the one with fewer parameters. What is not needed is not asked for.
 Choice choose(const Contender& best, const Contender& runner_up, double least_gain);
 
 /// What a model leaves, everything fitted.
@@ -61,9 +61,9 @@ struct Addition {
 
 /// Is the model with one effect more better than the one before? What lowers neither the held-out score nor the proper
 /// one is no improvement, nor is what draws and raises the proper one. Where nothing stays unexplained, the least that
-/// the proper one falls by is enough. Where poses or intrinsics had gone further than the statistics say, to make up for
-/// something missing, they may go on: then it has to take half of what is left of the statistics, and lower the proper
-/// score.
+/// the proper one falls by is enough. Where poses or intrinsics had gone further than the statistics say, to make up
+/// for something missing, they may go on: then it has to take half of what is left of the statistics, and lower the
+/// proper score.
 bool makes_better(const Left& before, const Left& after, const Addition& addition);
 
 /// Does the other leave so much less that it is to take the place of the one in the model: by the proper score (0.01)
@@ -74,8 +74,9 @@ bool takes_the_place(const Left& present, const Left& other);
 /// Does the other leave nothing more unexplained, and hardly more on captures held out (0.02)?
 bool as_good(const Left& present, const Left& other);
 
-/// Is one effect as good as two in its place: as_good, and the proper score no larger by 0.0025; or, if the proper score
-/// is lower, does the held-out one hardly rise (0.1: chance in three numbers of the lens), nothing more unexplained?
+/// Is one effect as good as two in its place: as_good, and the proper score no larger by 0.0025; or, if the proper
+/// score is lower, does the held-out one hardly rise (0.1: chance in three numbers of the lens), nothing more
+/// unexplained?
 bool does_for_two(const Left& present, const Left& other);
 
 /// Is an effect weaker than half of the low end of its typical range, the least that real instruments show? Never true
