@@ -54,14 +54,13 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
 bool makes_better(const Left& before, const Left& after, const Addition& addition) {
   constexpr double least_fall = 0.02;         // share of what is left of the held-out score
   constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
-  constexpr double least_proper_gain = 0.01;  // an element
   constexpr double most = 0.5;                // of what is left of the statistics
   const double excess = std::max(0.0, before.heldout - 1), rise = after.proper_score - before.proper_score;
   // Below the floor chance moves the held-out score up and down; what the proper one gets worse by counts there, and
   // sooner where nothing was unexplained.
   // Where nothing is unexplained any more, it may be twice that: masks do not come back to where they were.
   const bool explains_all = !before.unexplained.empty() && after.unexplained.empty();
-  const bool gets_worse = (excess == 0 && rise >= (explains_all ? 2 : 1) * least_proper_gain) ||
+  const bool gets_worse = (excess == 0 && rise >= (explains_all ? 2 : 1) * clearly) ||
                           (rise >= hardly_worse && before.unexplained.empty()) || (rise > 0 && addition.draws);
   const double fall = addition.unproven ? std::max(hardly_rises, unproven_fall * excess) : least_fall * excess;
   if (!gets_worse && after.heldout <= before.heldout - fall) return true;
@@ -72,7 +71,7 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
   const bool explains = had_gone_far && after.statistics - 1 < (1 - most) * (before.statistics - 1);
   // Three numbers of the lens are as large a part of the held-out score as thousands of cells: chance in them may hide
   // that everything is explained now.
-  return addition.by_its_map || (rise <= -least_proper_gain && (hardly_rose || explains)) ||
+  return addition.by_its_map || (rise <= -clearly && (hardly_rose || explains)) ||
          (rise < 0 && hardly_rose && explains_all);
 }
 

@@ -61,8 +61,8 @@ nlohmann::json line_of(const Case& c, const Truth& truth, const std::vector<doub
                        double cpu_s);
 
 /// Confusion matrix, rates with exact (Clopper-Pearson) 95 % intervals, errors, coverage, times. What leaves no trace
-/// cannot be found: such a recording counts for no rate of right answers, but an answer to it that names the effect, or
-/// any other, is an alarm (`no_trace_alarms`).
+/// cannot be found: recordings with it count for times and in the matrix only, and if nothing else was hidden, any name
+/// is an alarm (`no_trace_alarms`).
 nlohmann::json summary_of(const std::vector<nlohmann::json>& lines);
 std::string summary_text(const nlohmann::json& summary);
 

@@ -84,7 +84,9 @@ nlohmann::json summary_of(const std::vector<nlohmann::json>& lines) {
       // Of one effect nothing is left to find; of a pair, the other.
       if (kind == "one") no_trace_alarms.count(!line["candidates"].empty());
       confusion["no trace: " + line["key"].get<std::string>()][first_name(line)] += 1;
-    } else if (kind == "none") {
+      continue;
+    }
+    if (kind == "none") {
       alarms.count(!line["candidates"].empty());
       false_unknown.count(verdict == "unknown_effect");
       confusion["(none)"][first_name(line)] += 1;

@@ -80,8 +80,10 @@ TEST(HiddenData, WhatLeavesNoTraceCountsForNoRate) {
     return hidden::summary_of(lines);
   };
   EXPECT_EQ(summary_with(of_dark_targets)["right_first"]["strong"]["of"], 1);
+  EXPECT_EQ(summary_with(of_dark_targets)["no_trace_alarms"]["of"], 0);
   EXPECT_FALSE(summary_with(of_nothing).contains("right_first"));
   EXPECT_EQ(summary_with(of_nothing)["no_trace_alarms"]["of"], 1);
+  EXPECT_EQ(summary_with(of_nothing)["no_trace_alarms"]["hits"], 0);
 }
 
 class HiddenEffect : public ::testing::TestWithParam<const char*> {};

@@ -18,6 +18,7 @@ class CloseLook {
         h_(static_cast<int>(std::ranges::find(all_.tested, effect, &Hypothesis::effect) - all_.tested.begin())),
         book_(c.experiment, c.start, all_, {}),
         refiner_{c.experiment, c.motions, rung_, c.measured, 2, 501, Part::all, frames_for(rung_)} {
+    if (h_ == static_cast<int>(all_.tested.size())) throw Error("no hypothesis " + effect);
     book_.look_at({h_}, false);
   }
 
