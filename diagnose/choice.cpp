@@ -52,9 +52,9 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
 }
 
 bool makes_better(const Left& before, const Left& after, const Addition& addition) {
-  constexpr double least_fall = 0.02;         // share of what is left of the held-out score
-  constexpr double unproven_fall = 0.25;      // of what an effect that had not proved itself has to take of that
-  constexpr double most = 0.5;                // of what is left of the statistics
+  constexpr double least_fall = 0.02;     // share of what is left of the held-out score
+  constexpr double unproven_fall = 0.25;  // of what an effect that had not proved itself has to take of that
+  constexpr double most = 0.5;            // of what is left of the statistics
   const double excess = std::max(0.0, before.heldout - 1), rise = after.proper_score - before.proper_score;
   // Below the floor chance moves the held-out score up and down; what the proper one gets worse by counts there, and
   // sooner where nothing was unexplained.
