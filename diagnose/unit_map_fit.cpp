@@ -110,22 +110,37 @@ class MapFitter {
     return slope;
   }
 
-  /// How the power grows with the strength is found by simulating at another one.
+  /// How the power grows with the strength is found by simulating at another one: where the first one fits at once,
+  /// too, since what is known of the strength depends on it.
   std::vector<double> solve_for_strength(const ParameterSpec& amplitude) {
     constexpr double close = 0.05;  // of a logarithm: what few units have scatters more
     constexpr int most_rounds = 5;
-    double exponent = 2;  // of what is proportional to it
+    constexpr double elsewhere = 1.5;  // times the strength
+    double exponent = 2;               // of what is proportional to it
     double& value = fit_.values[amplitude.name];
     Try tried = try_at(fit_.values);
+    bool grew = false;
+    const auto grows = [&](double from, const Try& at, double to, const Try& there) {
+      const double moved = std::log(to / from);
+      if (std::abs(moved) <= close) return;
+      exponent = std::clamp((at.match.log_scale - there.match.log_scale) / moved, 0.5, 4.0);
+      grew = true;
+    };
     for (int round = 0; round < most_rounds && std::abs(tried.match.log_scale) > close; ++round) {
-      const double before = value, log_scale = tried.match.log_scale;
-      value = std::clamp(before * std::exp(log_scale / exponent), amplitude.lower, amplitude.upper);
+      const double before = value;
+      const Try last = std::move(tried);
+      value = std::clamp(before * std::exp(last.match.log_scale / exponent), amplitude.lower, amplitude.upper);
       tried = try_at(fit_.values);
       if (tracing())
         fmt::print(stderr, "  {} {}: at {:.4g} units have {:.3f} of the power, at {:.4g} {:.3f}\n", hypothesis_.effect,
-                   amplitude.name, before, std::exp(-log_scale), value, std::exp(-tried.match.log_scale));
-      const double moved = std::log(value / before);
-      if (std::abs(moved) > close) exponent = std::clamp((log_scale - tried.match.log_scale) / moved, 0.5, 4.0);
+                   amplitude.name, before, std::exp(-last.match.log_scale), value, std::exp(-tried.match.log_scale));
+      grows(before, last, value, tried);
+    }
+    if (!grew) {
+      auto values = fit_.values;
+      values[amplitude.name] =
+          value * elsewhere < amplitude.upper ? value * elsewhere : std::max(value / elsewhere, amplitude.lower);
+      grows(value, tried, values[amplitude.name], try_at(values));
     }
     // Frame by frame a hole is seen again: the fewer the frames, the less a dead pixel stands out.
     tried = try_whole(fit_.values);
