@@ -13,6 +13,7 @@
 #include "diagnose/adding.h"
 #include "diagnose/candidates.h"
 #include "diagnose/choice.h"
+#include "diagnose/contest.h"
 #include "diagnose/edge_registration.h"
 #include "diagnose/mask_fit.h"
 #include "diagnose/score.h"
@@ -23,10 +24,9 @@
 namespace binrig {
 namespace {
 
-constexpr double leaves_little = 1.3;       // dispersion up to which places, masks and look-alikes are looked after
-constexpr double clearly_better = 0.01;     // of a proper score
-constexpr std::size_t most_runners_up = 3;  // that are fitted with everything beside the best
-constexpr int most_tries = 3;  // of hypotheses one after the other, as long as none makes the ladder better
+constexpr double leaves_little = 1.3;    // dispersion up to which places, masks and look-alikes are looked after
+constexpr double clearly_better = 0.01;  // of a proper score
+constexpr int most_tries = 3;            // of hypotheses one after the other, as long as none makes the ladder better
 
 class Climb {
  public:
@@ -41,7 +41,8 @@ class Climb {
         seed_(options.seed),
         catalogue_(experiment.forward().catalogue()),
         adding_(experiment, motions, measured, model, options.seed),
-        candidates_(experiment, motions, all, search_options_, options.seed) {
+        candidates_(experiment, motions, all, search_options_, options.seed),
+        contest_(experiment, adding_, candidates_, search_options_) {
     climbed_.options.simulations = options.simulations;
     climbed_.options.converged_far_off = 0.01;
     climbed_.options.seed = options.seed * 100000;
@@ -202,7 +203,7 @@ class Climb {
       std::erase_if(of, [&](const Refined* candidate) { return failed.contains(candidate); });
       for (int tries = 0; tries < most_tries && !of.empty(); ++tries) {
         const Rung& rung = last();
-        auto [best, next, beaten] = choose(rung, of, signatures);
+        auto [best, next, beaten] = contest_.decide(rung, of, signatures, climbed_.options);
         // Where many are missing, each of these explains its own: they wait, and nothing is looked for in between.
         if (rung.dispersion > many_missing)
           for (const Refined* other : standing_beside(rung, *best, of))
@@ -372,74 +373,6 @@ class Climb {
     return false;
   }
 
-  struct Chosen {
-    const Refined* best;
-    Rung rung;                     ///< with it
-    std::set<std::string> beaten;  ///< effects that came close, but the data tell them from the best
-  };
-  /// The one that is added. The runner-up is tried, too: a model's bent parameters may have favoured the wrong one. So
-  /// are more that came close, as long as something stays unexplained. Close is half as much for what was fitted from
-  /// the parameters as given, beside a best one that leans on bent ones: it needs none bent to gain that.
-  Chosen choose(const Rung& rung, const std::vector<const Refined*>& worthy,
-                const std::vector<Signature>& signatures) const {
-    const Refined* best = worthy[0];
-    Rung next = adding_.to(rung, *best, climbed_.options);
-    // Noise may have taken the part of a ring in its spectrum, the lens that of a wrong focal length: no slope leads
-    // back.
-    auto left = unexplained(experiment_.layout(), next);
-    const auto take_if_better = [&](std::optional<Rung> other) {
-      if (!other) return;
-      auto its = unexplained(experiment_.layout(), *other);
-      if (its.size() < left.size()) next = std::move(*other), left = std::move(its);
-    };
-    const auto lens_is_off = [&] { return left.contains({"intrinsics", true}); };
-    if (lens_is_off()) take_if_better(adding_.lens_put_back(next, best->id, climbed_.options));
-    if (has_tone(*candidates_.hypothesis(*best).declaration) ? !left.empty() : lens_is_off())
-      take_if_better(adding_.to_the_given(rung, candidates_.hypothesis(*best), climbed_.options));
-    Chosen chosen{best, std::move(next), {}};
-    std::set<std::string> tried{best->effect};
-    for (const Refined* other : worthy) {
-      if (tried.size() > most_runners_up) break;
-      const double close =
-          other->from_given && !best->from_given ? search_options_.close_from_given : search_options_.close_behind;
-      if (other->score() <= close * best->score() || tried.contains(other->effect)) continue;
-      if (rung.dispersion > many_missing && !standing_beside(rung, *best, {other}).empty()) continue;
-      if (tried.size() > 1 && unexplained(experiment_.layout(), chosen.rung).empty()) break;
-      tried.insert(other->effect);
-      contest(chosen, *other, adding_.to(rung, *other, climbed_.options), signatures);
-    }
-    return chosen;
-  }
-
-  /// Which of the two stays: `chosen`, or what was added in its place.
-  void contest(Chosen& chosen, const Refined& runner_up, Rung with, const std::vector<Signature>& signatures) const {
-    const auto contender = [&](const Rung& rung, const Refined& added, const Refined& beside) {
-      return Contender{rung.dispersion, proper_score(experiment_.layout(), rung),
-                       [&] { return left_for(beside, rung, signatures); },
-                       [&] { return unexplained_excess(goodness_of_fit(experiment_.layout(), rung)); },
-                       static_cast<int>(added.model.find(added.id)->values.size())};
-    };
-    const Contender first = contender(chosen.rung, *chosen.best, runner_up),
-                    follower = contender(with, runner_up, *chosen.best);
-    if (tracing())
-      fmt::print(stderr, "  {} dispersion {:.2f} proper {:.4f}, {} {:.2f} {:.4f}\n", chosen.best->effect,
-                 first.dispersion, first.proper_score, runner_up.effect, follower.dispersion, follower.proper_score);
-    const Choice choice = binrig::choose(first, follower, search_options_.least_train_gain);
-    if (choice.clear) chosen.beaten.insert(choice.runner_up ? chosen.best->effect : runner_up.effect);
-    if (choice.runner_up) chosen.best = &runner_up, chosen.rung = std::move(with);
-  }
-
-  /// What the signatures of a hypothesis gain of what a rung leaves, less what chance makes of them.
-  double left_for(const Refined& refined, const Rung& rung, const std::vector<Signature>& signatures) const {
-    Hypotheses one;
-    std::vector<Signature> its;
-    one.tested.push_back(candidates_.hypothesis(refined));
-    for (const Signature& signature : signatures)
-      if (signature.hypothesis == refined.hypothesis) its.push_back(signature), its.back().hypothesis = 0;
-    return Ranking(experiment_, rung, one, its).gains(rung.rest, rung.nuisances)[0].gain / rung.dispersion -
-           refined.price;
-  }
-
   /// What two models leave that come one after the other, the second one's randomness being the scale. `draws`: see
   /// Addition.
   std::pair<Left, Left> left_by(const Rung& one, const Rung& next, bool draws) const {
@@ -492,6 +425,7 @@ class Climb {
   const SearchOptions search_options_;
   const Adding adding_;
   const Candidates candidates_;
+  const Contest contest_;
   std::optional<SignatureBook> book_, book_as_given_;
   std::vector<bool> looked_closely_;  // by hypothesis
   bool looked_in_vain_ = false;       // see Standing
