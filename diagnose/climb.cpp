@@ -213,7 +213,8 @@ class Climb {
         if (take(candidates_.of(*best, rung, found, beaten), std::move(next), unproven)) return true;
         failed.insert(best);
         // Where little is left, what makes it no better was a chance resemblance, and so are those behind it.
-        if (last().dispersion <= leaves_little || !waiting_.empty()) return false;
+        const bool little = last().dispersion <= leaves_little && !misplaced(last(), search_options_);
+        if (little || !waiting_.empty()) return false;
         std::erase_if(of, [&, effect = best->effect](const Refined* other) { return other->effect == effect; });
       }
       return false;

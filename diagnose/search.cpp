@@ -397,8 +397,7 @@ class Search {
   /// says little of what it lacks. Signatures are of the model without what was added to it: with that, less says so.
   bool astray() const {
     const bool proven = !result_.accepted(options_).empty();
-    if (std::max(rung_.train_stated.intrinsics, rung_.train_stated.poses) > options_.misplaced)
-      return !proven || !standing_.looked_in_vain;
+    if (misplaced(rung_, options_)) return !proven || !standing_.looked_in_vain;
     if (!standing_.added && standing_.bent) return true;
     if (!proven) return left_ > options_.unexplained || !unexplained(experiment_.layout(), rung_).empty();
     return !standing_.added && left_ > options_.astray;

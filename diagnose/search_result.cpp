@@ -84,6 +84,10 @@ bool SearchResult::explained_by_one(const SearchOptions& options) const {
          });
 }
 
+bool misplaced(const Rung& rung, const SearchOptions& options) {
+  return std::max(rung.train_stated.intrinsics, rung.train_stated.poses) > options.misplaced;
+}
+
 Separation separation(const Rung& rung, const Refined& a, const Refined& b) {
   const auto inner = [&](const Whitened& x, const Whitened& y) {
     return dot(rung.train.apply(x), y) + dot(rung.test.apply(x), y);

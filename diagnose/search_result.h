@@ -99,6 +99,9 @@ struct SearchResult {
   bool explained_by_one(const SearchOptions& options) const;
 };
 
+/// Have poses or the lens gone further on train than the recording states, to make up for what is missing?
+bool misplaced(const Rung& rung, const SearchOptions& options);
+
 /// How far two refined hypotheses can be told apart on these captures: squared distance of what they move, and the
 /// cosine of the angle between, both with nuisances marginalised.
 struct Separation {

@@ -192,6 +192,19 @@ struct TwoCaptures {
   }
 };
 
+// A focal length and a depth that are off leave no statistic out of place: as long as this says so, those behind one
+// that makes the model no better have their turn.
+TEST(Misplaced, WherePosesOrTheLensAreFarFromWhereTheyAreStated) {
+  Rung rung;
+  rung.dispersion = 1;
+  rung.train_stated = {.poses = 1, .intrinsics = 2.9};
+  EXPECT_FALSE(misplaced(rung, {}));
+  rung.train_stated.intrinsics = 140;
+  EXPECT_TRUE(misplaced(rung, {}));
+  rung.train_stated = {.poses = 10, .intrinsics = 1};
+  EXPECT_TRUE(misplaced(rung, {}));
+}
+
 TEST(StandingBeside, ThoseThatMoveOtherThingsAndGainMuchInTheirOrder) {
   const TwoCaptures two;
   const Refined best = two.moving("best", 1, 1000), apart = two.moving("apart", 2, 900),
