@@ -11,6 +11,7 @@
 
 #include "compare/probability.h"
 #include "diagnose/climb.h"
+#include "diagnose/intervals.h"
 #include "diagnose/last_step.h"
 #include "diagnose/mask_fit.h"
 #include "diagnose/plausibility.h"
@@ -124,13 +125,29 @@ class Findings {
   }
 
   /// Parameters and intervals of a model that something was added to, from one more step.
-  void take_last_step(Rung& rung) const {
+  void take_last_step(Rung& rung) {
     const LastStep step = last_step(experiment_, motions_, rung, rung.fit.parameters,
                                     needs_whole_series(rung.model, catalogue_), climbed_.options.seed);
     rung.model = step.model;
     rung.fit.value = step.value;
     rung.fit.half_interval = student_threshold(0.05, step.freedom) * step.covariance.diagonal().cwiseMax(0).cwiseSqrt();
+    widen(rung, step);
     for (const CandidateReport& candidate : diagnosis_.candidates) choose_steps(rung, step, candidate.id);
+  }
+
+  /// Intervals of what was added, which slopes alone make too narrow.
+  void widen(Rung& rung, const LastStep& step) {
+    std::set<std::string> added;
+    for (const CandidateReport& candidate : diagnosis_.candidates) added.insert(candidate.id);
+    const std::vector<FitParameter> parameters = rung.fit.parameters;
+    SensorModel model = rung.model;
+    widened_ =
+        widened_intervals({experiment_, motions_, rung, step, parameters, false, climbed_.options.seed}, added, model);
+    for (std::size_t p = 0; p < parameters.size(); ++p) {
+      const double value = model.find(parameters[p].id)->value(parameters[p].name);
+      rung.fit.value[static_cast<int>(p)] = parameters[p].circular ? value : parameters[p].scaled(value);
+    }
+    rung.model = std::move(model);
   }
 
   /// Whole numbers and steps of an effect that was added: no slope leads there, and their values are tried.
@@ -162,6 +179,8 @@ class Findings {
     diagnosis_.present = present_parameters(given_, last, catalogue_);
     diagnosis_.improved = last.model;
     write_intervals(diagnosis_.improved, last.fit, last.dispersion, provenance_);
+    for (const CalibratedParameter& entry : widened_)
+      value_in(diagnosis_.improved, entry.id, entry.name).ci95 = entry.ci95;
     for (CandidateReport& candidate : diagnosis_.candidates) {
       fill_parameters(candidate, diagnosis_.improved, last.fit, catalogue_);
       const auto step = static_cast<std::size_t>(
@@ -190,6 +209,7 @@ class Findings {
   Climbed climbed_;
   Diagnosis& diagnosis_;
   const EffectCatalogue& catalogue_;
+  std::vector<CalibratedParameter> widened_;  // of what was added
 };
 
 }  // namespace

@@ -20,9 +20,17 @@ const std::string says_nothing = "this recording says hardly anything about it";
 const std::string unmoved = "nothing in this recording moves with it";
 const std::string looks_the_same = "targets that stand elsewhere look the same, and nobody knows where they stand";
 
+/// `value`, `half`: on the scale of the fit.
+std::array<double, 2> interval_about(const FitParameter& parameter, double value, double half) {
+  if (parameter.circular) return {parameter.natural(value) - half, parameter.natural(value) + half};
+  return {parameter.natural(value - half), parameter.natural(value + half)};
+}
+
 class Intervals {
  public:
-  Intervals(const LastFit& fit, SensorModel& model, std::vector<CalibratedParameter>& parameters)
+  /// `of`: instances whose intervals are looked for.
+  Intervals(const LastFit& fit, const std::set<std::string>& of, SensorModel& model,
+            std::vector<CalibratedParameter>& parameters)
       : experiment_(fit.experiment),
         layout_(experiment_.layout()),
         catalogue_(experiment_.forward().catalogue()),
@@ -30,6 +38,7 @@ class Intervals {
         rung_(fit.rung),
         last_(fit.last),
         first_(fit.first),
+        of_(of),
         poses_known_(fit.poses_known),
         seed_(fit.seed),
         model_(model),
@@ -44,6 +53,14 @@ class Intervals {
     choose_rough_strengths();
     for (const auto& [id, spec] : steps)
       if (!entry_of(id, spec->name).determined()) choose_step(id, *spec);
+  }
+
+  /// Of intervals that are there.
+  void grow() {
+    only_grow_ = true;
+    widen();
+    follow_ridges();
+    choose_rough_strengths();
   }
 
  private:
@@ -81,10 +98,8 @@ class Intervals {
             rival < 0 ? says_nothing : fmt::format("only together with {}.{}", first_[rival].id, first_[rival].name);
       } else if (!poses_known_ && share_beyond_places(layout_, last_, p) < 0.1) {
         entry.reason = looks_the_same;
-      } else if (parameter.circular) {
-        entry.ci95 = {{entry.value - t * sd, entry.value + t * sd}};
       } else {
-        entry.ci95 = {{parameter.natural(last_.value[p] - t * sd), parameter.natural(last_.value[p] + t * sd)}};
+        entry.ci95 = interval_about(parameter, last_.value[p], t * sd);
       }
     }
   }
@@ -123,7 +138,7 @@ class Intervals {
     constexpr int doublings = 6;
     for (const FitParameter& parameter : first_) {
       CalibratedParameter& entry = entry_of(parameter.id, parameter.name);
-      if (!entry.determined() || parameter.circular || is_chance(parameter)) continue;
+      if (!of_.contains(entry.id) || !entry.determined() || parameter.circular || is_chance(parameter)) continue;
       const double at = parameter.scaled(entry.value), limit = 0.5 * chi_95 * rung_.dispersion;
       const double least = chi_with(entry.id, entry.name, entry.value);
       for (double& end : *entry.ci95) {
@@ -220,7 +235,7 @@ class Intervals {
     std::set<int> followed;
     for (int p = 0; p < static_cast<int>(first_.size()); ++p) {
       CalibratedParameter& entry = entry_of(first_[p].id, first_[p].name);
-      if (!entry.determined() || entry.name != declaration_of(entry.id).amplitude) continue;
+      if (!of_.contains(entry.id) || !entry.determined() || entry.name != declaration_of(entry.id).amplitude) continue;
       const auto& [low, high] = *entry.ci95;
       const auto neutral = declaration_of(entry.id).parameter(entry.name)->neutral;
       if (neutral && low <= *neutral && *neutral <= high) continue;
@@ -278,7 +293,7 @@ class Intervals {
     }
     entry.narrowing =
         (parameter.scaled((*entry.ci95)[1]) - parameter.scaled((*entry.ci95)[0])) / 4 / prior_deviation(parameter);
-    if (!open && entry.narrowing < narrow_enough) return;
+    if (only_grow_ || (!open && entry.narrowing < narrow_enough)) return;
     for (const auto& [left_open, why] : {std::pair{&entry, &other}, std::pair{&other, &entry}}) {
       left_open->ci95.reset();
       left_open->narrowing = 1;
@@ -318,7 +333,13 @@ class Intervals {
   /// The best value tried, and where it lies for certain.
   void take(const Profile& profile, const std::string& id, const ParameterSpec& spec) {
     CalibratedParameter& entry = entry_of(id, spec.name);
-    entry.ci95 = certain(profile, spec);
+    const auto found = certain(profile, spec);
+    if (!found && only_grow_) {
+      auto& [low, high] = *entry.ci95;
+      low = std::min(low, spec.typical_low), high = std::max(high, spec.typical_high);
+      return;
+    }
+    entry.ci95 = found;
     if (!entry.ci95) {
       entry.reason = says_nothing;
       return;
@@ -340,7 +361,7 @@ class Intervals {
     for (const FitParameter& parameter : first_) {
       CalibratedParameter& entry = entry_of(parameter.id, parameter.name);
       const EffectDeclaration& declaration = declaration_of(entry.id);
-      if (!entry.determined()) continue;
+      if (!of_.contains(entry.id) || !entry.determined()) continue;
       const ParameterSpec& spec = *declaration.parameter(entry.name);
       const bool strength = entry.name == declaration.amplitude, mask = declaration.stage == Stage::signal_mask;
       const bool rough = (strength && (declaration.may_clear || mask)) || (mask && spec.log_scaled);
@@ -361,17 +382,38 @@ class Intervals {
   const Rung& rung_;
   const LastStep& last_;
   const std::vector<FitParameter>& first_;
+  const std::set<std::string>& of_;
   const bool poses_known_;
   const std::uint64_t seed_;
   SensorModel& model_;
   std::vector<CalibratedParameter>& parameters_;
+  bool only_grow_ = false;
 };
 
 }  // namespace
 
 void find_intervals(const LastFit& fit, const std::vector<std::pair<std::string, const ParameterSpec*>>& steps,
                     SensorModel& model, std::vector<CalibratedParameter>& parameters) {
-  Intervals(fit, model, parameters).find(steps);
+  std::set<std::string> all;
+  for (const FitParameter& parameter : fit.first) all.insert(parameter.id);
+  Intervals(fit, all, model, parameters).find(steps);
+}
+
+std::vector<CalibratedParameter> widened_intervals(const LastFit& fit, const std::set<std::string>& of,
+                                                   SensorModel& model) {
+  const double t = student_threshold(0.05, fit.last.freedom);
+  std::vector<CalibratedParameter> entries;
+  for (std::size_t k = 0; k < fit.first.size(); ++k) {
+    const FitParameter& parameter = fit.first[k];
+    const int p = static_cast<int>(k);
+    const double value = fit.last.value[p], half = t * std::sqrt(std::max(0.0, fit.last.covariance(p, p)));
+    CalibratedParameter& entry = entries.emplace_back(parameter.id, parameter.name, parameter.unit);
+    entry.before = entry.value = parameter.natural(value);
+    entry.ci95 = interval_about(parameter, value, half);
+  }
+  Intervals(fit, of, model, entries).grow();
+  std::erase_if(entries, [&](const CalibratedParameter& entry) { return !of.contains(entry.id); });
+  return entries;
 }
 
 }  // namespace binrig

@@ -1,6 +1,7 @@
 // The end of a calibration: which values of the fitted parameters the recording allows, and of which it says nothing.
 #pragma once
 
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -21,11 +22,17 @@ struct LastFit {
   std::uint64_t seed = 1;
 };
 
-/// Gives `parameters` (all of `fit.first` and of `steps` must be there, without intervals) their values, and intervals or
-/// the reason why they have none; `model`, that of the last step, goes where values move. `steps`: instance and parameter
-/// of what is tried value by value where slopes know no interval.
-/// Throws what simulating throws.
+/// Gives `parameters` (all of `fit.first` and of `steps` must be there, without intervals) their values, and intervals
+/// or the reason why they have none; `model`, that of the last step, goes where values move. `steps`: instance and
+/// parameter of what is tried value by value where slopes know no interval. Throws what simulating throws.
 void find_intervals(const LastFit& fit, const std::vector<std::pair<std::string, const ParameterSpec*>>& steps,
                     SensorModel& model, std::vector<CalibratedParameter>& parameters);
+
+/// Intervals of the instances `of`, of `fit.first`: those of the last step, grown to what simulations rule out, as far
+/// as slopes say too little: thresholds and widths that move pixel after pixel, strengths that another parameter makes
+/// up for, and masks, which may be anything typical where nothing of that is ruled out. `model`, that of the last step,
+/// goes where simulations want it. Throws what simulating throws.
+std::vector<CalibratedParameter> widened_intervals(const LastFit& fit, const std::set<std::string>& of,
+                                                   SensorModel& model);
 
 }  // namespace binrig
