@@ -231,7 +231,7 @@ class Intervals {
   /// where the last one ended; what these become on the way belongs to their intervals. Where nothing rules it out
   /// before its prior does, the two are only known together.
   void follow_ridges() {
-    constexpr double ridge = 0.8;  // correlation
+    const double ridge = only_grow_ ? 0.5 : 0.8;  // correlation: sooner beside what was just added, few as these are
     std::set<int> followed;
     for (int p = 0; p < static_cast<int>(first_.size()); ++p) {
       CalibratedParameter& entry = entry_of(first_[p].id, first_[p].name);
@@ -240,6 +240,9 @@ class Intervals {
       const auto neutral = declaration_of(entry.id).parameter(entry.name)->neutral;
       if (neutral && low <= *neutral && *neutral <= high) continue;
       const auto [partner, correlation] = closest_partner(p);
+      if (tracing() && partner >= 0)
+        fmt::print(stderr, "{}.{} goes with {}.{} by {:.2f}\n", entry.id, entry.name, first_[partner].id,
+                   first_[partner].name, correlation);
       if (correlation < ridge || followed.contains(partner)) continue;
       follow_ridge(p, partner);
       followed.insert(p);
