@@ -39,8 +39,7 @@ Chosen Contest::decide(const Rung& rung, const std::vector<const Refined*>& wort
   std::set<std::string> tried{best->effect};
   for (const Refined* other : worthy) {
     if (tried.size() > most_runners_up) break;
-    const double close = other->from_given && !best->from_given ? options_.close_from_given : options_.close_behind;
-    if (other->score() <= close * best->score() || tried.contains(other->effect)) continue;
+    if (!comes_close(*best, *other, options_) || tried.contains(other->effect)) continue;
     if (rung.dispersion > many_missing && !standing_beside(rung, *best, {other}).empty()) continue;
     if (tried.size() > 1 && unexplained(experiment_.layout(), chosen.rung).empty()) break;
     tried.insert(other->effect);

@@ -26,11 +26,10 @@ class Contest {
           const SearchOptions& options)
       : experiment_(experiment), adding_(adding), candidates_(candidates), options_(options) {}
 
-  /// Of `worthy` (not empty, best first), beside `rung`. The runner-up is tried, too: a model's bent parameters may
-  /// have favoured the wrong one. So are more that came close (at most three), as long as something stays unexplained.
-  /// Close is half as much for what was fitted from the parameters as given, beside a best one that leans on bent ones:
-  /// it needs none bent to gain that. Of two, `choose` (diagnose/choice.h) says which. `signatures`: of what the rung's
-  /// model lacks. Throws what simulating throws.
+  /// Of `worthy` (not empty, best first), beside `rung`. The runner-up is tried, too, if it comes_close: a model's bent
+  /// parameters may have favoured the wrong one. So are more (at most three), as long as something stays unexplained.
+  /// Of two, `choose` (diagnose/choice.h) says which. `signatures`: of what the rung's model lacks. Throws what
+  /// simulating throws.
   Chosen decide(const Rung& rung, const std::vector<const Refined*>& worthy, const std::vector<Signature>& signatures,
                 const RungOptions& fit) const;
 

@@ -21,6 +21,12 @@ bool significant_on_train(const Refined& candidate, const SearchOptions& options
   return candidate.share > options.least_share && (candidate.train_gain - candidate.price > gate || held_out_show_it);
 }
 
+/// What counts of its gains beside a best one: what that could not prove on the captures held out, where a target may
+/// stand wrong without it, counts for neither.
+double gain_beside(const Refined& best, const Refined& one) {
+  return one.train_gain - one.price + (best.test_gain > 0 ? one.test_gain : 0);
+}
+
 bool happens_beyond_doubt(const Refined& candidate, const SearchOptions& options) {
   return candidate.happens_or_not && candidate.shown_on_test > 2 * options.least_test_gain &&
          candidate.linear_gain - candidate.price > options.beyond_doubt * candidate.gate;
@@ -88,6 +94,11 @@ bool misplaced(const Rung& rung, const SearchOptions& options) {
   return std::max(rung.train_stated.intrinsics, rung.train_stated.poses) > options.misplaced;
 }
 
+bool comes_close(const Refined& best, const Refined& other, const SearchOptions& options) {
+  const double close = other.from_given && !best.from_given ? options.close_from_given : options.close_behind;
+  return gain_beside(best, other) > close * gain_beside(best, best);
+}
+
 Separation separation(const Rung& rung, const Refined& a, const Refined& b) {
   const auto inner = [&](const Whitened& x, const Whitened& y) {
     return dot(rung.train.apply(x), y) + dot(rung.test.apply(x), y);
@@ -109,12 +120,7 @@ bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
   constexpr double mostly_in_common = std::numbers::sqrt2 / 2;  // half of what they move, squared
   // Were a the truth, b would lose by D +- 2 sqrt(D), D their squared distance; were b the truth it would win by as
   // much. The data decide unless D is within two standard deviations of nothing, or the loss is.
-  // What could not prove itself on the captures held out, where a target may stand wrong without it, is judged by those
-  // it was fitted to.
-  const auto gained = [proved = a.test_gain > 0](const Refined& one) {
-    return one.train_gain - one.price + (proved ? one.test_gain : 0);
-  };
-  const double lost = gained(a) - gained(b);
+  const double gained = gain_beside(a, a), lost = gained - gain_beside(a, b);
   const Separation s = separation(rung, a, b);
   if (tracing())
     fmt::print(stderr, "  {} over {}: {:.1f}, squared distance {:.1f}, cosine {:.3f}\n", a.effect, b.effect, lost,
@@ -129,7 +135,7 @@ bool confounded(const Rung& rung, const Refined& a, const Refined& b) {
       (other_linear > by_chance && other_linear > linear - by_chance && s.cosine > mostly_in_common);
   // And nobody simulates an effect to better than a hundredth of what it does.
   return lost < by_chance || (s.cosine > 0.9 && lost < 2 * std::sqrt(s.distance2)) ||
-         (s.cosine > 0.99 && lost < 0.01 * gained(a)) || (views_differ && lost < clearly_lost * gained(a));
+         (s.cosine > 0.99 && lost < 0.01 * gained) || (views_differ && lost < clearly_lost * gained);
 }
 
 std::vector<const Refined*> standing_beside(const Rung& rung, const Refined& best,

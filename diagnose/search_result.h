@@ -102,6 +102,11 @@ struct SearchResult {
 /// Have poses or the lens gone further on train than the recording states, to make up for what is missing?
 bool misplaced(const Rung& rung, const SearchOptions& options);
 
+/// Does it gain nearly as much as the best one (close_behind)? Half as much is near for what was fitted from the
+/// parameters as given, beside a best one that leans on bent ones: it needs none bent to gain that. Where the best one
+/// could not prove itself on the captures held out, those count for neither: a target may stand wrong without it there.
+bool comes_close(const Refined& best, const Refined& other, const SearchOptions& options);
+
 /// How far two refined hypotheses can be told apart on these captures: squared distance of what they move, and the
 /// cosine of the angle between, both with nuisances marginalised.
 struct Separation {

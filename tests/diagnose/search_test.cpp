@@ -246,6 +246,22 @@ TEST(SearchResult, WhatExplainsFarMoreOnTrainIsTriedBeforeWhatProvedItself) {
   EXPECT_EQ(found.worthy(options), std::vector<const Refined*>{&found.refined[1]}) << "nothing proved itself";
 }
 
+TEST(ComesClose, WhatTheBestOneCouldNotProveHeldOutCountsForNeither) {
+  const SearchOptions options;
+  Refined best, other;
+  best.train_gain = 2100, best.test_gain = -300;
+  other.train_gain = 2100, other.test_gain = -600;
+  EXPECT_TRUE(comes_close(best, other, options));
+  other.train_gain = 0.99 * options.close_behind * best.train_gain;
+  EXPECT_FALSE(comes_close(best, other, options));
+  other.from_given = true;
+  EXPECT_TRUE(comes_close(best, other, options)) << "it leans on no bent parameter";
+
+  best.test_gain = 300, other = {};
+  other.train_gain = 2100, other.test_gain = -600;
+  EXPECT_FALSE(comes_close(best, other, options)) << "it lost what the best one proved";
+}
+
 TEST(SearchResult, OneExplainsItAllWhereTheOthersExplainNextToNothing) {
   const SearchOptions options;
   Refined most, other;
