@@ -66,6 +66,10 @@ bool take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
     if (tracing())
       fmt::print(stderr, "  {} left out, unfitted: held-out {:.3f} -> {:.3f}\n", candidate.id, judged.with,
                  judged.without);
+    // Below the floor chance moves the score up and down.
+    const auto hardly_larger = [&] {
+      return judged.without <= (slack > 0 ? std::max(judged.with, 1.0) : judged.with) + slack;
+    };
     const auto nobody_misses_it = [&] {
       RungOptions as_it_is = again;
       as_it_is.passes = 0;
@@ -83,13 +87,13 @@ bool take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
       return now.without - now.with < hardly_its_own * (before - now.with) &&
              std::ranges::includes(unexplained(layout, last), unexplained(layout, rung));
     };
-    bool superfluous = judged.without <= judged.with + slack && nobody_misses_it();
+    bool superfluous = hardly_larger() && nobody_misses_it();
     if (!superfluous && !judged.far_off()) {
       without = fit_rung(experiment, motions, measured, model, last.offsets, again);
       judged = held_out(experiment, motions, measured, last, without);
       if (tracing())
         fmt::print(stderr, "  {} left out: held-out {:.3f} -> {:.3f}\n", candidate.id, judged.with, judged.without);
-      superfluous = judged.without <= judged.with + slack || (is_last && others_brought_it(without, judged));
+      superfluous = hardly_larger() || (is_last && others_brought_it(without, judged));
     }
     if (!superfluous) {
       ++k;
