@@ -231,7 +231,7 @@ class Intervals {
   /// where the last one ended; what these become on the way belongs to their intervals. Where nothing rules it out
   /// before its prior does, the two are only known together.
   void follow_ridges() {
-    const double ridge = only_grow_ ? 0.5 : 0.8;  // correlation: sooner beside what was just added, few as these are
+    constexpr double ridge = 0.8;  // correlation
     std::set<int> followed;
     for (int p = 0; p < static_cast<int>(first_.size()); ++p) {
       CalibratedParameter& entry = entry_of(first_[p].id, first_[p].name);
