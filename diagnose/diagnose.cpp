@@ -9,7 +9,6 @@
 #include <fmt/format.h>
 #include <opencv2/core/mat.hpp>
 
-#include "compare/probability.h"
 #include "diagnose/climb.h"
 #include "diagnose/intervals.h"
 #include "diagnose/last_step.h"
@@ -130,7 +129,7 @@ class Findings {
                                     needs_whole_series(rung.model, catalogue_), climbed_.options.seed);
     rung.model = step.model;
     rung.fit.value = step.value;
-    rung.fit.half_interval = student_threshold(0.05, step.freedom) * step.covariance.diagonal().cwiseMax(0).cwiseSqrt();
+    rung.fit.half_interval = step.half_interval();
     widen(rung, step);
     for (const CandidateReport& candidate : diagnosis_.candidates) choose_steps(rung, step, candidate.id);
   }

@@ -75,7 +75,7 @@ class Intervals {
   /// What the last step's covariance says.
   void report() {
     const int n = static_cast<int>(first_.size());
-    const double t = student_threshold(0.05, last_.freedom);
+    const Eigen::VectorXd half = last_.half_interval();
     for (int p = 0; p < n; ++p) {
       const FitParameter& parameter = first_[p];
       CalibratedParameter& entry = entry_of(parameter.id, parameter.name);
@@ -99,7 +99,7 @@ class Intervals {
       } else if (!poses_known_ && share_beyond_places(layout_, last_, p) < 0.1) {
         entry.reason = looks_the_same;
       } else {
-        entry.ci95 = interval_about(parameter, last_.value[p], t * sd);
+        entry.ci95 = interval_about(parameter, last_.value[p], half[p]);
       }
     }
   }
@@ -404,15 +404,14 @@ void find_intervals(const LastFit& fit, const std::vector<std::pair<std::string,
 
 std::vector<CalibratedParameter> widened_intervals(const LastFit& fit, const std::set<std::string>& of,
                                                    SensorModel& model) {
-  const double t = student_threshold(0.05, fit.last.freedom);
+  const Eigen::VectorXd half = fit.last.half_interval();
   std::vector<CalibratedParameter> entries;
   for (std::size_t k = 0; k < fit.first.size(); ++k) {
     const FitParameter& parameter = fit.first[k];
     const int p = static_cast<int>(k);
-    const double value = fit.last.value[p], half = t * std::sqrt(std::max(0.0, fit.last.covariance(p, p)));
     CalibratedParameter& entry = entries.emplace_back(parameter.id, parameter.name, parameter.unit);
-    entry.before = entry.value = parameter.natural(value);
-    entry.ci95 = interval_about(parameter, value, half);
+    entry.before = entry.value = parameter.natural(fit.last.value[p]);
+    entry.ci95 = interval_about(parameter, fit.last.value[p], half[p]);
   }
   Intervals(fit, of, model, entries).grow();
   std::erase_if(entries, [&](const CalibratedParameter& entry) { return !of.contains(entry.id); });

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <Eigen/Dense>
 
+#include "compare/probability.h"
 #include "core/error.h"
 #include "core/parallel.h"
 #include "diagnose/slopes.h"
@@ -369,6 +370,10 @@ double prior_deviation(const FitParameter& parameter) {
 
 bool silent(const Whitened& slope) {
   return std::all_of(slope.begin(), slope.end(), [](float v) { return v == 0; });
+}
+
+Eigen::VectorXd LastStep::half_interval() const {
+  return student_threshold(0.05, freedom) * covariance.diagonal().cwiseMax(0).cwiseSqrt();
 }
 
 SensorModel stepped(const LastStep& step, const std::vector<FitParameter>& priors, double share) {

@@ -34,6 +34,9 @@ struct LastStep {
   /// By parameter: change of y per unit of its scale. 0 in segments in which it is mostly noise, and in the blocks
   /// whose slopes are no slopes (see last_step).
   std::vector<Whitened> jacobian;
+
+  /// Half of the 95 % intervals of value, on the scale of the fit (Student's t with `freedom`).
+  Eigen::VectorXd half_interval() const;
 };
 
 /// The model where `share` of the step leads. `priors`: those that it was made with.

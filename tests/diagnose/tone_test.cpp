@@ -13,7 +13,7 @@ namespace {
 const bench::SmallCampaign& planes() {
   static const bench::SmallCampaign planes = [] {
     bench::Campaign campaign(7);
-    constexpr int frames = 4;
+    constexpr int frames = 6;
     for (const double distance : {700.0, 800.0}) campaign.plane("train", "plane", frames, distance);
     campaign.plane("test", "plane_2", frames, 750);
     return bench::SmallCampaign(campaign, 320);
@@ -44,7 +44,7 @@ TEST(Tone, IsFoundWhereItIsATenthOfTheNoisesPower) {
     const ParameterValue& its = effect.values.at(name);
     ASSERT_TRUE(its.ci95) << name;
     const double half = std::log((*its.ci95)[1] / its.value);
-    EXPECT_LT(half, std::log(name == "width" ? 4 : 1.5)) << name;  // to a factor of that
+    EXPECT_LT(half, name == "width" ? 1 : 0.4) << name;
     EXPECT_LT(std::abs(std::log(its.value / value)), 2.5 * half) << name << ' ' << its.value;  // five deviations
   }
   const ClearRemainders left = clear_remainders(ring.refiner, found.fit.model);
