@@ -1,11 +1,13 @@
 #include "core/coherent_noise.h"
 
+#include <bit>
 #include <cmath>
 
 #include <opencv2/core.hpp>
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "core/recent_fields.h"
 
 namespace binrig {
 namespace {
@@ -50,7 +52,7 @@ double gradient_noise_variance(LatticeWeight weight) {
 }
 
 CoherentNoise::CoherentNoise(int rows, int cols, double grid_px, LatticeWeight weight)
-    : rows_(rows), cols_(cols), weight_(weight) {
+    : rows_(rows), cols_(cols), grid_px_(grid_px), weight_(weight) {
   if (rows <= 0 || cols <= 0) throw Error("coherent noise of an empty image");
   if (!(grid_px >= 4)) {
     throw Error("coherent noise", {{"", "grid", number_text(grid_px), "px", "4 or more", "is too fine a lattice"}});
@@ -115,18 +117,25 @@ void CoherentNoise::draw(const RandomStream& stream, cv::Mat& field) const {
   for (std::size_t i = 0; i < lattices_.size(); ++i) add(lattices_[i], stream.child(i), field);
 }
 
+cv::Mat CoherentNoise::recent(const RandomStream& stream) const {
+  std::uint64_t kind = mix_keys(hash_text("coherent noise"), std::bit_cast<std::uint64_t>(grid_px_));
+  kind = mix_keys(mix_keys(kind, rows_), mix_keys(cols_, static_cast<std::uint64_t>(weight_)));
+  return recent_field(kind, stream, [&](cv::Mat& field) { draw(stream, field); });
+}
+
 DisturbanceField::DisturbanceField(int rows, int cols, double grid_px, double changing, LatticeWeight weight,
                                    const RandomStream& capture_draws)
     : noise_(rows, cols, grid_px, weight), changing_(changing), capture_draws_(capture_draws) {}
 
 double DisturbanceField::bound() const { return noise_.bound() * (std::sqrt(1 - changing_) + std::sqrt(changing_)); }
 
-const cv::Mat& DisturbanceField::at(const RandomStream& frame_draws) {
-  if (fixed_.empty()) noise_.draw(capture_draws_.child("disturbance"), fixed_);
-  if (changing_ <= 0) return fixed_;
-  noise_.draw(frame_draws.child("disturbance"), field_);
-  cv::addWeighted(fixed_, std::sqrt(1 - changing_), field_, std::sqrt(changing_), 0, field_);
-  return field_;
+cv::Mat DisturbanceField::at(const RandomStream& frame_draws) const {
+  const cv::Mat fixed = noise_.recent(capture_draws_.child("disturbance"));
+  if (changing_ <= 0) return fixed;
+  const cv::Mat fresh = noise_.recent(frame_draws.child("disturbance"));
+  cv::Mat mixed;
+  cv::addWeighted(fixed, std::sqrt(1 - changing_), fresh, std::sqrt(changing_), 0, mixed);
+  return mixed;
 }
 
 }  // namespace binrig

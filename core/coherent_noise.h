@@ -27,6 +27,8 @@ class CoherentNoise {
 
   /// rows x cols, CV_32F. Same stream, same bytes.
   void draw(const RandomStream& stream, cv::Mat& field) const;
+  /// The same, kept by recent_field: must not be written to.
+  cv::Mat recent(const RandomStream& stream) const;
   /// No value of any draw is further from 0.
   double bound() const;
 
@@ -38,6 +40,7 @@ class CoherentNoise {
   void add(const Lattice& lattice, const RandomStream& stream, cv::Mat& field) const;
 
   int rows_, cols_;
+  double grid_px_;
   LatticeWeight weight_;
   std::vector<Lattice> lattices_;
 };
@@ -51,8 +54,8 @@ class DisturbanceField {
  public:
   DisturbanceField(int rows, int cols, double grid_px, double changing, LatticeWeight weight,
                    const RandomStream& capture_draws);
-  /// Valid until the next call.
-  const cv::Mat& at(const RandomStream& frame_draws);
+  /// Must not be written to.
+  cv::Mat at(const RandomStream& frame_draws) const;
   /// No value of the field is further from 0: a threshold that nothing comes so near to needs no field.
   double bound() const;
 
@@ -60,7 +63,6 @@ class DisturbanceField {
   CoherentNoise noise_;
   double changing_;
   RandomStream capture_draws_;
-  cv::Mat fixed_, field_;  // drawn when asked for
 };
 
 }  // namespace binrig

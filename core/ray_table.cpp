@@ -1,12 +1,22 @@
 #include "core/ray_table.h"
 
+#include <functional>
+
 #include "core/parallel.h"
+#include "core/random.h"
 #include "core/recently_made.h"
 
 namespace binrig {
 
 namespace {
 constexpr std::size_t cached_tables = 12;  // 1280 x 960: 10 MB each
+
+struct CameraHash {
+  std::size_t operator()(const Camera& c) const {
+    const std::hash<double> hash;
+    return mix_keys(mix_keys(hash(c.fx), hash(c.fy)), mix_keys(hash(c.cx), hash(c.cy)));
+  }
+};
 
 cv::Mat make_table(const Camera& camera) {
   cv::Mat table(camera.height, camera.width, CV_32FC2);
@@ -32,7 +42,7 @@ cv::Mat make_table(const Camera& camera) {
 }  // namespace
 
 cv::Mat ray_table(const Camera& camera) {
-  static RecentlyMade<Camera, cv::Mat> tables(cached_tables);
+  static RecentlyMade<Camera, cv::Mat, CameraHash> tables(cached_tables);
   return tables.get(camera, [&] { return make_table(camera); });
 }
 

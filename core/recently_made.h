@@ -5,13 +5,15 @@
 #include <functional>
 #include <list>
 #include <mutex>
+#include <unordered_map>
 #include <utility>
 
 namespace binrig {
 
 /// Values by key, as many as fit into a limit; the one that was used longest ago goes first. Values are shared, so they
-/// should be cheap to copy (cv::Mat, std::shared_ptr) and must not be written to. Thread-safe.
-template <typename Key, typename Value>
+/// should be cheap to copy (cv::Mat, std::shared_ptr) and must not be written to. Thread-safe. Keys that are equal have the
+/// same `Hash`.
+template <typename Key, typename Value, typename Hash = std::hash<Key>>
 class RecentlyMade {
  public:
   using Size = std::function<std::size_t(const Value&)>;
@@ -27,15 +29,17 @@ class RecentlyMade {
   Value get(const Key& key, const Make& make) {
     {
       const std::lock_guard lock(mutex_);
-      if (const auto found = find(key); found != kept_.end()) return found->second;
+      if (const Value* found = find(key)) return *found;
     }
     Value value = make();
     const std::lock_guard lock(mutex_);
-    if (const auto found = find(key); found != kept_.end()) return found->second;
+    if (const Value* found = find(key)) return *found;
     kept_.emplace_front(key, value);
+    where_[key] = kept_.begin();
     total_ += size_(value);
     while (total_ > limit_ && kept_.size() > 1) {
       total_ -= size_(kept_.back().second);
+      where_.erase(kept_.back().first);
       kept_.pop_back();
     }
     return value;
@@ -43,19 +47,18 @@ class RecentlyMade {
 
  private:
   using Kept = std::list<std::pair<Key, Value>>;  // used last comes first
-  typename Kept::iterator find(const Key& key) {
-    for (auto it = kept_.begin(); it != kept_.end(); ++it) {
-      if (!(it->first == key)) continue;
-      kept_.splice(kept_.begin(), kept_, it);
-      return it;
-    }
-    return kept_.end();
+  const Value* find(const Key& key) {
+    const auto at = where_.find(key);
+    if (at == where_.end()) return nullptr;
+    kept_.splice(kept_.begin(), kept_, at->second);
+    return &at->second->second;
   }
 
   const std::size_t limit_;
   const Size size_;
   std::mutex mutex_;
   Kept kept_;
+  std::unordered_map<Key, typename Kept::iterator, Hash> where_;
   std::size_t total_ = 0;
 };
 

@@ -18,6 +18,7 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "core/recent_fields.h"
 #include "core/recording_writer.h"
 
 namespace binrig {
@@ -338,6 +339,12 @@ NoiseSynthesis::NoiseSynthesis(const NoiseSpectrum& spectrum, bool rayleigh)
       magnitude_[static_cast<std::size_t>(row) * fft_.half_cols() + col] =
           static_cast<float>(std::sqrt(spectrum.psd().at<double>(row, col) / pixels));
   if (!rayleigh) magnitude_[0] = 0;  // one magnitude with either sign would only move every frame by the same step
+  const auto* bytes = reinterpret_cast<const char*>(magnitude_.data());
+  key_ = mix_keys(hash_text({bytes, magnitude_.size() * sizeof(float)}), mix_keys(fft_.cols(), rayleigh));
+}
+
+cv::Mat NoiseSynthesis::recent(const RandomStream& stream) const {
+  return recent_field(key_, stream, [&](cv::Mat& noise_mm) { synthesise(stream, noise_mm); });
 }
 
 void NoiseSynthesis::synthesise(const RandomStream& stream, cv::Mat& noise_mm) const {

@@ -104,9 +104,12 @@ class NoiseSynthesis {
   /// CV_32F, mm. With fixed magnitudes the mean is exactly 0; with drawn ones it scatters as S(0) says. The same stream
   /// gives the same bytes.
   void synthesise(const RandomStream& stream, cv::Mat& noise_mm) const;
+  /// The same, kept by recent_field: must not be written to.
+  cv::Mat recent(const RandomStream& stream) const;
 
  private:
   Fft2 fft_;
+  std::uint64_t key_;  ///< of all that is below
   std::vector<float> magnitude_;
   bool rayleigh_;
 };

@@ -9,6 +9,7 @@
 #include <limits>
 #include <mutex>
 #include <numeric>
+#include <tuple>
 
 #include <fmt/format.h>
 
@@ -318,10 +319,11 @@ std::vector<StatVector> Experiment::simulate(const std::vector<Trial>& trials, c
   }
   if (missing.empty()) return results;
 
-  // Captures outside, trials inside and sorted by offset: the perfect channels of one view serve many trials.
+  // Captures outside, trials inside, sorted by offset and seed: the perfect channels of one view and the draws of one
+  // stream serve many trials.
   std::sort(missing.begin(), missing.end(), [&](int a, int b) {
     const auto key = [&](int t) { return trials[t].offsets.empty() ? 0 : offset_key(trials[t].offsets[0]); };
-    return std::pair(key(a), a) < std::pair(key(b), b);
+    return std::tuple(key(a), trials[a].seed, a) < std::tuple(key(b), trials[b].seed, b);
   });
   std::vector<std::pair<int, int>> tasks;  // capture, first of a chunk of trials
   std::vector<int> order(layout_.captures);

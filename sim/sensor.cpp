@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/error.h"
+#include "core/wide.h"
 
 namespace binrig {
 namespace {
@@ -28,43 +29,45 @@ void add_noise_to_depth(Layers& layers) {
   });
 }
 
-/// The last step of the storage stage. The stored integer is what a 16-bit file holds; 0 means invalid there, so a
-/// depth that would become 0 cannot be kept.
-void store(Layers& layers, double depth_scale_mm) {
+/// One row of the last step of the storage stage. A depth that would be stored as 0 cannot be kept: 0 means invalid
+/// there. In loops of one width each, without branches: the compiler vectorises no others.
+BINRIG_WIDE void store_row(float* z, std::uint8_t* reason, int cols, double depth_scale_mm, float* stored, int* lost) {
   const bool steps = depth_scale_mm > 0;
   const double per_mm = steps ? 1.0 / depth_scale_mm : 1.0;
   const float highest = static_cast<float>(steps ? 65536.0 * depth_scale_mm : std::numeric_limits<float>::max());
   constexpr int out_of_range = static_cast<int>(Reason::out_of_range);
   constexpr int unknown = static_cast<int>(Reason::unknown);
+  // Depths that cannot be kept become 0 here; the clamp keeps the conversion to integers defined.
+  for (int col = 0; col < cols; ++col) {
+    const float positive = z[col] > 0.f ? z[col] : 0.f;
+    stored[col] = positive < highest ? positive : 0.f;
+  }
+  if (steps)
+    for (int col = 0; col < cols; ++col) {
+      const int value = static_cast<int>(stored[col] * per_mm + 0.5);
+      stored[col] = static_cast<float>((value <= 65535 ? value : 0) * depth_scale_mm);
+    }
+  for (int col = 0; col < cols; ++col) {
+    const int why = z[col] == z[col] ? out_of_range : unknown;
+    lost[col] = stored[col] == 0.f ? why : 0;
+  }
+  for (int col = 0; col < cols; ++col) {
+    const auto why = static_cast<std::uint8_t>(lost[col]);
+    reason[col] = reason[col] == 0 ? why : reason[col];
+  }
+  for (int col = 0; col < cols; ++col) lost[col] = reason[col];
+  for (int col = 0; col < cols; ++col) z[col] = lost[col] == 0 ? stored[col] : 0.f;
+}
+
+/// The last step of the storage stage: what a 16-bit file of the scale holds.
+void store(Layers& layers, double depth_scale_mm) {
   for_rows(layers.depth_mm.size(), [&](int first, int last) {
     const int cols = layers.depth_mm.cols;
-    // Loops of one width each, without branches: the compiler vectorises no others.
     std::vector<float> stored(cols);
     std::vector<int> lost(cols);
-    for (int row = first; row < last; ++row) {
-      float* z = layers.depth_mm.ptr<float>(row);
-      std::uint8_t* reason = layers.reason.ptr<std::uint8_t>(row);
-      // Depths that cannot be kept become 0 here; the clamp keeps the conversion to integers defined.
-      for (int col = 0; col < cols; ++col) {
-        const float positive = z[col] > 0.f ? z[col] : 0.f;
-        stored[col] = positive < highest ? positive : 0.f;
-      }
-      if (steps)
-        for (int col = 0; col < cols; ++col) {
-          const int value = static_cast<int>(stored[col] * per_mm + 0.5);
-          stored[col] = static_cast<float>((value <= 65535 ? value : 0) * depth_scale_mm);
-        }
-      for (int col = 0; col < cols; ++col) {
-        const int why = z[col] == z[col] ? out_of_range : unknown;
-        lost[col] = stored[col] == 0.f ? why : 0;
-      }
-      for (int col = 0; col < cols; ++col) {
-        const auto why = static_cast<std::uint8_t>(lost[col]);
-        reason[col] = reason[col] == 0 ? why : reason[col];
-      }
-      for (int col = 0; col < cols; ++col) lost[col] = reason[col];
-      for (int col = 0; col < cols; ++col) z[col] = lost[col] == 0 ? stored[col] : 0.f;
-    }
+    for (int row = first; row < last; ++row)
+      store_row(layers.depth_mm.ptr<float>(row), layers.reason.ptr<std::uint8_t>(row), cols, depth_scale_mm,
+                stored.data(), lost.data());
   });
 }
 

@@ -11,6 +11,7 @@
 
 #include <opencv2/core.hpp>
 
+#include "core/wide.h"
 #include "sim/effect.h"
 
 namespace binrig::effects {
@@ -20,13 +21,6 @@ constexpr double least_weight = 1e-5;
 
 /// So far from every depth that its weight is zero; its square is finite.
 constexpr float nowhere_mm = 1e9f;
-
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && !defined(__SANITIZE_ADDRESS__)
-// Eight pixels at a time where the machine can. No fused multiply-add: the bytes are the same on every machine.
-#define BINRIG_WIDE __attribute__((target_clones("avx2", "default")))
-#else
-#define BINRIG_WIDE
-#endif
 
 /// Sums over a row of pixels: deviations of their neighbours times weights, and weights. Deviations from the centre
 /// keep float precision at any distance.

@@ -68,11 +68,10 @@ const Effect& noise_bumps() {
        .revealed_by = "repeated frames of a plane: a ring in the spectrum"},
       [](const EffectInstance& instance, const CaptureContext& context) -> std::unique_ptr<Run> {
         const NoiseSynthesis synthesis(ring(context.camera, instance.value("frequency"), instance.value("width"))
-                                           .scaled_to(instance.value("amplitude")));
-        return stateless([synthesis, capture = &context](Layers& layers, const Channels&, const FrameInstant& instant) {
-          cv::Mat noise;
-          synthesis.synthesise(capture->draws(instant.number), noise);
-          layers.noise_mm += noise;
+                                           .scaled_to(1));
+        return stateless([synthesis, amplitude_mm = instance.value("amplitude"), capture = &context](
+                             Layers& layers, const Channels&, const FrameInstant& instant) {
+          layers.noise_mm += amplitude_mm * synthesis.recent(capture->draws(instant.number));
         });
       }};
   return effect;

@@ -95,11 +95,11 @@ EffectDeclaration declare() {
   return d;
 }
 
-// Everything that a synthesis depends on, as text.
+// Everything that a synthesis depends on, as text. All are made with a standard deviation of 1 mm, so that sigma is none
+// of it.
 std::string synthesis_key(const EffectInstance& instance, const std::string& file, const Camera& camera,
                           bool rayleigh) {
-  std::string key = std::to_string(camera.height) + "x" + std::to_string(camera.width) + (rayleigh ? "r" : "f") + " " +
-                    number_text(instance.value("sigma"));
+  std::string key = std::to_string(camera.height) + "x" + std::to_string(camera.width) + (rayleigh ? "r" : "f");
   if (file.empty()) {
     return key + " " + number_text(instance.value("correlation_length")) + " " +
            number_text(instance.value("white_share"));
@@ -112,10 +112,9 @@ std::string synthesis_key(const EffectInstance& instance, const std::string& fil
 
 std::shared_ptr<const NoiseSynthesis> make_synthesis(const EffectInstance& instance, const std::string& file,
                                                      const Camera& camera, bool rayleigh) {
-  const double sigma = instance.value("sigma");
   if (file.empty()) {
     return std::make_shared<NoiseSynthesis>(
-        NoiseSpectrum::parametric(camera.height, camera.width, sigma, instance.value("correlation_length"),
+        NoiseSpectrum::parametric(camera.height, camera.width, 1, instance.value("correlation_length"),
                                   instance.value("white_share")),
         rayleigh);
   }
@@ -127,7 +126,7 @@ std::shared_ptr<const NoiseSynthesis> make_synthesis(const EffectInstance& insta
                   std::to_string(spectrum.camera_height) + " px, not " + std::to_string(camera.width) + " x " +
                   std::to_string(camera.height) + ": fit the noise of this camera, or use the parametric spectrum");
     }
-    return std::make_shared<NoiseSynthesis>(spectrum.resampled(camera.height, camera.width).scaled_to(sigma), rayleigh);
+    return std::make_shared<NoiseSynthesis>(spectrum.resampled(camera.height, camera.width).scaled_to(1), rayleigh);
   } catch (const Error& error) {
     throw Error("spectral_noise", {{.where = instance.where,
                                     .key = instance.id + ".spectrum",
@@ -156,25 +155,25 @@ std::shared_ptr<const NoiseSynthesis> shared_synthesis(const EffectInstance& ins
 
 class SpectralNoiseRun : public Run {
  public:
-  SpectralNoiseRun(std::shared_ptr<const NoiseSynthesis> synthesis, const CaptureContext& context)
-      : synthesis_(std::move(synthesis)), context_(context) {}
+  SpectralNoiseRun(double sigma_mm, std::shared_ptr<const NoiseSynthesis> synthesis, const CaptureContext& context)
+      : sigma_mm_(static_cast<float>(sigma_mm)), synthesis_(std::move(synthesis)), context_(context) {}
 
   void apply(Layers& layers, const Channels&, const FrameInstant& instant) override {
-    synthesis_->synthesise(context_.draws(instant.number), field_);
-    for_rows(field_.size(), [&](int first, int last) {
+    const cv::Mat unit = synthesis_->recent(context_.draws(instant.number));
+    for_rows(unit.size(), [&](int first, int last) {
       for (int row = first; row < last; ++row) {
-        const float* field = field_.ptr<float>(row);
+        const float* field = unit.ptr<float>(row);
         const float* scale = layers.sigma_scale.ptr<float>(row);
         float* noise = layers.noise_mm.ptr<float>(row);
-        for (int col = 0; col < field_.cols; ++col) noise[col] += field[col] * scale[col];
+        for (int col = 0; col < unit.cols; ++col) noise[col] += sigma_mm_ * field[col] * scale[col];
       }
     });
   }
 
  private:
+  float sigma_mm_;
   std::shared_ptr<const NoiseSynthesis> synthesis_;
   const CaptureContext& context_;
-  cv::Mat field_;
 };
 
 }  // namespace
@@ -182,7 +181,8 @@ class SpectralNoiseRun : public Run {
 const Effect& spectral_noise() {
   static const Effect effect{
       declare(), [](const EffectInstance& instance, const CaptureContext& context) {
-        return std::unique_ptr<Run>(std::make_unique<SpectralNoiseRun>(shared_synthesis(instance, context), context));
+        return std::unique_ptr<Run>(std::make_unique<SpectralNoiseRun>(
+            instance.value("sigma"), shared_synthesis(instance, context), context));
       }};
   return effect;
 }
