@@ -14,7 +14,6 @@
 #include "diagnose/last_step.h"
 #include "diagnose/mask_fit.h"
 #include "diagnose/plausibility.h"
-#include "diagnose/profile.h"
 #include "diagnose/score.h"
 #include "diagnose/screen.h"
 #include "diagnose/step_reader.h"
@@ -131,7 +130,6 @@ class Findings {
     rung.fit.value = step.value;
     rung.fit.half_interval = step.half_interval();
     widen(rung, step);
-    for (const CandidateReport& candidate : diagnosis_.candidates) choose_steps(rung, step, candidate.id);
   }
 
   /// Intervals of what was added, which slopes alone make too narrow.
@@ -147,23 +145,6 @@ class Findings {
       rung.fit.value[static_cast<int>(p)] = parameters[p].circular ? value : parameters[p].scaled(value);
     }
     rung.model = std::move(model);
-  }
-
-  /// Whole numbers and steps of an effect that was added: no slope leads there, and their values are tried.
-  void choose_steps(Rung& rung, const LastStep& step, const std::string& id) const {
-    const EffectInstance* instance = rung.model.find(id);
-    if (!instance) return;
-    for (const ParameterSpec& spec : instance->declaration(catalogue_).parameters) {
-      if ((spec.kind != ParameterKind::integer && spec.interpolate) || instance->values.at(spec.name).ci95 ||
-          std::ranges::any_of(rung.fit.parameters,
-                              [&](const FitParameter& p) { return p.id == id && p.name == spec.name; }))
-        continue;
-      Profile profile(experiment_, motions_, rung, step.metric, step.place, false, climbed_.options.seed + 500);
-      explore_steps(profile, rung.model, id, spec);
-      ParameterValue& value = value_in(rung.model, id, spec.name);
-      value.ci95 = certain(profile, spec);
-      if (value.ci95) value.value = profile.best();
-    }
   }
 
   void report() {

@@ -55,12 +55,13 @@ class Intervals {
       if (!entry_of(id, spec->name).determined()) choose_step(id, *spec);
   }
 
-  /// Of intervals that are there.
-  void grow() {
+  /// Of intervals that are there; and those of steps.
+  void grow(const std::vector<std::pair<std::string, const ParameterSpec*>>& steps) {
     only_grow_ = true;
     widen();
     follow_ridges();
     choose_rough_strengths();
+    for (const auto& [id, spec] : steps) choose_step(id, *spec);
   }
 
  private:
@@ -192,13 +193,15 @@ class Intervals {
       entry.ci95 = {{std::min(neutral, end), std::max(neutral, end)}};
       entry.reason.clear();
       entry.narrowing = std::min(1.0, std::abs(end - neutral) / std::abs(strong - neutral));
-      if (without.chi < least + rung_.dispersion) adopt(without, static_cast<int>(p), neutral);
+      if (without.chi >= least + rung_.dispersion) continue;
+      adopt(without);
+      entry.value = neutral;
     }
   }
 
-  /// A fit with a parameter at a value is better than the one so far: the others' intervals go along, and grow by what
-  /// two simulations scatter.
-  void adopt(const Fit& fit, int p, double value) {
+  /// A fit beside another value of a parameter is better than the one so far: the intervals of what was fitted go along,
+  /// and grow by what two simulations scatter.
+  void adopt(const Fit& fit) {
     for (std::size_t q = 0; q < fit.parameters.size(); ++q) {
       const FitParameter& parameter = fit.parameters[q];
       CalibratedParameter& entry = entry_of(parameter.id, parameter.name);
@@ -210,7 +213,6 @@ class Intervals {
         end = parameter.circular ? entry.value + half : parameter.natural(after + half);
       }
     }
-    entry_of(first_[p].id, first_[p].name).value = value;
     model_ = fit.model;
   }
 
@@ -280,7 +282,10 @@ class Intervals {
         if (ruled_out == 2) break;  // one alone may be a rough place
       }
     }
-    if (!profile.holds(middle)) adopt(fits.at(profile.best()), p, profile.best());
+    if (!profile.holds(middle)) {
+      adopt(fits.at(profile.best()));
+      entry.value = profile.best();
+    }
     const auto reach_to = [](CalibratedParameter& which, double value) {
       auto& [low, high] = *which.ci95;
       low = std::min(low, value), high = std::max(high, value);
@@ -337,7 +342,7 @@ class Intervals {
   void take(const Profile& profile, const std::string& id, const ParameterSpec& spec) {
     CalibratedParameter& entry = entry_of(id, spec.name);
     const auto found = certain(profile, spec);
-    if (!found && only_grow_) {
+    if (!found && only_grow_ && entry.determined()) {
       auto& [low, high] = *entry.ci95;
       low = std::min(low, spec.typical_low), high = std::max(high, spec.typical_high);
       return;
@@ -352,10 +357,20 @@ class Intervals {
     entry.narrowing = std::min(1.0, (high - low) / std::max(std::abs(spec.typical_high - spec.typical_low), 1e-12));
   }
 
+  /// No slope leads to whole numbers and steps: their values are tried. A whole number may be made up for by others,
+  /// which follow it by their slopes; a step is told by itself.
   void choose_step(const std::string& id, const ParameterSpec& spec) {
     Profile profile(experiment_, motions_, rung_, last_.metric, last_.place, false, seed_ + 500);
-    explore_steps(profile, model_, id, spec);
+    std::map<double, Fit> fits;
+    const auto follow = [&](const SensorModel& changed) {
+      return fits.insert_or_assign(changed.find(id)->value(spec.name), refit(changed, -1)).first->second.model;
+    };
+    const bool whole = spec.kind == ParameterKind::integer;
+    explore_steps(profile, model_, id, spec, whole ? Follow(follow) : Follow());
+    const double before = model_.find(id)->value(spec.name);
     take(profile, id, spec);
+    const CalibratedParameter& entry = entry_of(id, spec.name);
+    if (whole && entry.determined() && entry.value != before) adopt(fits.at(entry.value));
   }
 
   /// What shows the scene from elsewhere moves edges pixel after pixel: chi is rough along its strength, and slopes end
@@ -413,7 +428,21 @@ std::vector<CalibratedParameter> widened_intervals(const LastFit& fit, const std
     entry.before = entry.value = parameter.natural(fit.last.value[p]);
     entry.ci95 = interval_about(parameter, fit.last.value[p], half[p]);
   }
-  Intervals(fit, of, model, entries).grow();
+  std::vector<std::pair<std::string, const ParameterSpec*>> steps;
+  const EffectCatalogue& catalogue = fit.experiment.forward().catalogue();
+  for (const EffectInstance& instance : model.effects) {
+    if (!of.contains(instance.id)) continue;
+    for (const ParameterSpec& spec : instance.declaration(catalogue).parameters) {
+      const bool fitted = std::ranges::any_of(
+          fit.first, [&](const FitParameter& p) { return p.id == instance.id && p.name == spec.name; });
+      const ParameterValue& value = instance.values.at(spec.name);
+      if (fitted || value.ci95 || (spec.kind != ParameterKind::integer && spec.interpolate)) continue;
+      steps.emplace_back(instance.id, &spec);
+      CalibratedParameter& entry = entries.emplace_back(instance.id, spec.name, spec.unit);
+      entry.before = entry.value = value.value;
+    }
+  }
+  Intervals(fit, of, model, entries).grow(steps);
   std::erase_if(entries, [&](const CalibratedParameter& entry) { return !of.contains(entry.id); });
   return entries;
 }

@@ -30,8 +30,9 @@ void find_intervals(const LastFit& fit, const std::vector<std::pair<std::string,
 
 /// Intervals of the instances `of`, of `fit.first`: those of the last step, grown to what simulations rule out, as far
 /// as slopes say too little: thresholds and widths that move pixel after pixel, strengths that another parameter makes
-/// up for, and masks, which may be anything typical where nothing of that is ruled out. `model`, that of the last step,
-/// goes where simulations want it. Throws what simulating throws.
+/// up for, and masks, which may be anything typical where nothing of that is ruled out. Their whole numbers and steps,
+/// too, unless the model has an interval for them or nothing of them is ruled out. `model`, that of the last step, goes
+/// where simulations want it. Throws what simulating throws.
 std::vector<CalibratedParameter> widened_intervals(const LastFit& fit, const std::set<std::string>& of,
                                                    SensorModel& model);
 

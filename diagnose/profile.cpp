@@ -93,7 +93,7 @@ std::pair<double, double> Profile::interval(double lower, double upper) const {
 }
 
 void explore(Profile& profile, const SensorModel& model, const std::string& id, const ParameterSpec& spec, double unit,
-             const std::vector<double>& reaches) {
+             const std::vector<double>& reaches, const Follow& follow) {
   constexpr int most_moves = 4, most_doublings = 6;
   const bool logarithmic = spec.log_scaled && spec.kind != ParameterKind::integer;
   const auto ask = [&](double from, double reach) {
@@ -101,7 +101,7 @@ void explore(Profile& profile, const SensorModel& model, const std::string& id, 
     at = std::clamp(spec.kind == ParameterKind::integer ? std::round(at) : at, spec.lower, spec.upper);
     SensorModel changed = model;
     value_in(changed, id, spec.name).value = at;
-    const double chi = profile.ask(at, changed);
+    const double chi = profile.ask(at, follow ? follow(changed) : changed);
     if (tracing()) fmt::print(stderr, "{}.{} = {:.5g}: chi {:.1f}\n", id, spec.name, at, chi);
     return at;
   };
@@ -124,12 +124,13 @@ void explore(Profile& profile, const SensorModel& model, const std::string& id, 
   }
 }
 
-void explore_steps(Profile& profile, const SensorModel& model, const std::string& id, const ParameterSpec& spec) {
+void explore_steps(Profile& profile, const SensorModel& model, const std::string& id, const ParameterSpec& spec,
+                   const Follow& follow) {
   const double scale = std::abs(spec.typical_high - spec.typical_low);
   if (spec.kind == ParameterKind::integer)
-    explore(profile, model, id, spec, 1, {1});
+    explore(profile, model, id, spec, 1, {1}, follow);
   else
-    explore(profile, model, id, spec, spec.log_scaled ? 0.004 : 0.004 * scale, {1, 4, 15});
+    explore(profile, model, id, spec, spec.log_scaled ? 0.004 : 0.004 * scale, {1, 4, 15}, follow);
 }
 
 std::optional<std::array<double, 2>> certain(const Profile& profile, const ParameterSpec& spec) {

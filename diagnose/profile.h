@@ -6,6 +6,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -60,14 +61,18 @@ class Profile {
   double at_nulls_ = 0;
 };
 
+/// What else of a model goes along where one of its parameters was given another value.
+using Follow = std::function<SensorModel(const SensorModel&)>;
+
 /// Tries values of the parameter `spec` of instance `id`, from the model's, about the best one so far, `reaches` times
 /// `unit` away (in the parameter's own unit; on its logarithm where it is declared so), until none is better, and then
 /// further out until both sides are ruled out. Where nothing typical is ruled out on either side, that is the answer.
-/// Throws what simulating throws.
+/// Without `follow`, nothing else changes. Throws what it throws, and what simulating throws.
 void explore(Profile& profile, const SensorModel& model, const std::string& id, const ParameterSpec& spec, double unit,
-             const std::vector<double>& reaches);
+             const std::vector<double>& reaches, const Follow& follow = {});
 /// The same for a parameter between whose values nothing moves smoothly: whole numbers by ones, others by factors.
-void explore_steps(Profile& profile, const SensorModel& model, const std::string& id, const ParameterSpec& spec);
+void explore_steps(Profile& profile, const SensorModel& model, const std::string& id, const ParameterSpec& spec,
+                   const Follow& follow = {});
 /// Where the parameter lies for certain, in its own unit: Profile::interval between its bounds, but whole numbers that
 /// are ruled out are not included; none if neither side is ruled out. Something must have been asked.
 std::optional<std::array<double, 2>> certain(const Profile& profile, const ParameterSpec& spec);

@@ -20,11 +20,10 @@ namespace {
 
 using hidden::Case;
 
-/// One scene and one set of signatures for all tests here.
+/// One scene and one set of signatures for all tests here, kept from process to process: each test is one of its own.
 struct World {
-  test::ScratchFolder folder;
   bench::SmallCampaign campaign{true};
-  SimulationCache cache{folder.path(), 2048, true};
+  SimulationCache cache{BINRIG_TEST_CACHE, 512, true};
   const SceneForwardModel& forward() const { return campaign.forward(); }
 };
 World& world() {

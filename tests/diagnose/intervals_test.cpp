@@ -31,5 +31,25 @@ TEST(WidenedIntervals, HoldAllWidthsThatTakeInTheSamePixels) {
   }
 }
 
+// A window of 7 px with a slightly narrower weight smooths as one of 5 px does: both hold, whatever the other was fitted
+// with.
+TEST(WidenedIntervals, HoldAWholeNumberThatAnotherParameterMakesUpFor) {
+  const auto blur = [](double diameter) {
+    return model_with("bilateral_blur", {{"sigma_px", 0.8}, {"sigma_z", 5}, {"diameter", diameter}});
+  };
+  const Case c(blur(5), blur(6));
+  const Rung rung = c.fitted({.simulations = 16, .passes = 1});
+  const LastStep step = last_step(c.experiment, c.motions, rung, rung.fit.parameters, false, 5);
+  SensorModel model = step.model;
+  const auto intervals =
+      widened_intervals({c.experiment, c.motions, rung, step, rung.fit.parameters}, {"bilateral_blur"}, model);
+  const auto found = std::ranges::find(intervals, "diameter", &CalibratedParameter::name);
+  ASSERT_TRUE(found != intervals.end() && found->determined());
+  EXPECT_LE((*found->ci95)[0], 5);
+  EXPECT_GT((*found->ci95)[0], 3);  // 3 px and less do not reach the neighbours' neighbours
+  EXPECT_GE((*found->ci95)[1], 7);
+  EXPECT_DOUBLE_EQ(model.find("bilateral_blur")->value("diameter"), found->value);
+}
+
 }  // namespace
 }  // namespace binrig
