@@ -286,22 +286,26 @@ class Step {
 
   /// Parameters that make up for each other leave little of their slopes together: where these are not right, what is
   /// left passes for knowing one from the other (lines of a histogram smeared by a drift come and go with it). Blocks
-  /// in which that matters over what all blocks promise count no more, for no parameter, or the others would do what
-  /// that one should. But where most of what knows a parameter bends with it, that is how it acts (a blur of less than
-  /// a pixel), and all stays. `error`: by parameter and block, squared.
+  /// in which that matters count no more, for no parameter, or the others would do what that one should. Over what
+  /// distance it may matter, those blocks alone may say that are right over it: one that is wrong promises too small a
+  /// one, over which it seems right. But where most of what knows a parameter bends with it, that is how it acts (a blur
+  /// of less than a pixel), and all stays. `error`: by parameter and block, squared.
   void leave_out_wrong(const Pull& pull, const SeedSlopes& each, const MatrixXd& error) {
     for (int p = 0; p < static_cast<int>(each.size()); ++p) {
       // A mask's slopes are ramps over stairs: they differ from side to side wherever they are taken.
       if (rung_.model.find(priors_[p].id)->declaration(experiment_.forward().catalogue()).reason) continue;
+      if (hardly_known(p, promised(p))) continue;
       const auto before = counts_;
       const double known = result_.information(p, p);
-      double deviation = promised(p);
-      for (auto now = counts_; !hardly_known(p, deviation); now = counts_) {
+      double deviation = straight * prior_deviation(priors_[p]);
+      for (double last = 2 * deviation; deviation < last; deviation = std::min(deviation, promised(p))) {
+        last = deviation;
+        auto right = before;
         for (int k = 0; k < error.cols(); ++k)
-          if (error(p, k) * deviation * deviation > most_wrong * most_wrong) counts_[k] = false;
-        if (counts_ == now) break;
+          if (error(p, k) * deviation * deviation > most_wrong * most_wrong) right[k] = false;
+        if (right == counts_) continue;
+        counts_ = right;
         weigh(pull, each);
-        deviation = promised(p);
       }
       if (counts_ == before) continue;
       const bool lost = result_.information(p, p) < most_of_it * known;

@@ -35,8 +35,9 @@ inline SensorModel model_with(const std::string& effect, const std::map<std::str
 
 /// What the catalogue makes of a truth, and a model that is to be fitted to it.
 struct Case {
-  Case(const SensorModel& truth, const SensorModel& start, const bench::SmallCampaign& of = campaign())
-      : recording(bench::simulated_recording(of.forward(), truth, bench::drawn_offsets(of.forward(), 5), 5)),
+  Case(const SensorModel& truth, const SensorModel& start, const bench::SmallCampaign& of = campaign(),
+       std::uint64_t seed = 5)
+      : recording(bench::simulated_recording(of.forward(), truth, bench::drawn_offsets(of.forward(), seed), seed)),
         truth(truth),
         start(start),
         experiment(of.forward(), start, cache),
