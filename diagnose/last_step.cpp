@@ -288,15 +288,15 @@ class Step {
   /// left passes for knowing one from the other (lines of a histogram smeared by a drift come and go with it). Blocks
   /// in which that matters count no more, for no parameter, or the others would do what that one should. Over what
   /// distance it may matter, those blocks alone may say that are right over it: one that is wrong promises too small a
-  /// one, over which it seems right. But where most of what knows a parameter bends with it, that is how it acts (a blur
-  /// of less than a pixel), and all stays. `error`: by parameter and block, squared.
+  /// one, over which it seems right. But where they are what the parameter, or most of what another effect is known by, that
+  /// is how it acts (a blur of less than a pixel), and all stays. `error`: by parameter and block, squared.
   void leave_out_wrong(const Pull& pull, const SeedSlopes& each, const MatrixXd& error) {
     for (int p = 0; p < static_cast<int>(each.size()); ++p) {
       // A mask's slopes are ramps over stairs: they differ from side to side wherever they are taken.
       if (rung_.model.find(priors_[p].id)->declaration(experiment_.forward().catalogue()).reason) continue;
       if (hardly_known(p, promised(p))) continue;
       const auto before = counts_;
-      const double known = result_.information(p, p);
+      const VectorXd known = result_.information.diagonal();
       double deviation = straight * prior_deviation(priors_[p]);
       for (double last = 2 * deviation; deviation < last; deviation = std::min(deviation, promised(p))) {
         last = deviation;
@@ -308,11 +308,13 @@ class Step {
         weigh(pull, each);
       }
       if (counts_ == before) continue;
-      const bool lost = result_.information(p, p) < most_of_it * known;
+      bool lost = hardly_known(p, promised(p));
+      for (int q = 0; q < known.size(); ++q)
+        lost = lost || (priors_[q].id != priors_[p].id && result_.information(q, q) < most_of_it * known[q]);
       if (tracing())
         fmt::print(stderr, "slopes over {}.{} are wrong in {} blocks, {}\n", priors_[p].id, priors_[p].name,
                    std::ranges::count(before, true) - std::ranges::count(counts_, true),
-                   lost ? "but little else knows it" : "which are left out");
+                   lost ? "but little else is known" : "which are left out");
       if (!lost) continue;
       counts_ = before;
       weigh(pull, each);
