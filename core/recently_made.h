@@ -11,8 +11,8 @@
 namespace binrig {
 
 /// Values by key, as many as fit into a limit; the one that was used longest ago goes first. Values are shared, so they
-/// should be cheap to copy (cv::Mat, std::shared_ptr) and must not be written to. Thread-safe. Keys that are equal have the
-/// same `Hash`.
+/// should be cheap to copy (cv::Mat, std::shared_ptr) and must not be written to. Thread-safe. `Hash` of equal keys is
+/// equal.
 template <typename Key, typename Value, typename Hash = std::hash<Key>>
 class RecentlyMade {
  public:

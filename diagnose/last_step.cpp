@@ -288,8 +288,8 @@ class Step {
   /// left passes for knowing one from the other (lines of a histogram smeared by a drift come and go with it). Blocks
   /// in which that matters count no more, for no parameter, or the others would do what that one should. Over what
   /// distance it may matter, those blocks alone may say that are right over it: one that is wrong promises too small a
-  /// one, over which it seems right. But where they are what the parameter, or most of what another effect is known by, that
-  /// is how it acts (a blur of less than a pixel), and all stays. `error`: by parameter and block, squared.
+  /// one, over which it seems right. But where the parameter is hardly known without them (a blur of less than a pixel
+  /// bends wherever it shows), or another effect loses most of what it is known by, all stay. `error`: by parameter and block, squared.
   void leave_out_wrong(const Pull& pull, const SeedSlopes& each, const MatrixXd& error) {
     for (int p = 0; p < static_cast<int>(each.size()); ++p) {
       // A mask's slopes are ramps over stairs: they differ from side to side wherever they are taken.
