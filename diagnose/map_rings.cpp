@@ -16,7 +16,16 @@ Eigen::MatrixXd cosines(int n) {
   return m;
 }
 
+/// Of unit mean square.
+double hann(int i, int n) { return std::sqrt(2.0 / 3) * (1 - std::cos(2 * std::numbers::pi * (i + 0.5) / n)); }
+
 }  // namespace
+
+std::vector<double> taper(std::vector<double> map, int cols, bool along_rows) {
+  const int rows = static_cast<int>(map.size()) / cols;
+  for (int i = 0; i < rows * cols; ++i) map[i] *= along_rows ? hann(i % cols, cols) : hann(i / cols, rows);
+  return map;
+}
 
 int ring_of(int row, int col, int rows, int cols) {
   if (row == 0 && col == 0) return -1;

@@ -34,22 +34,45 @@ double kurtosis_of(const std::vector<double>& map) {
   return square > 0 ? fourth * static_cast<double>(map.size()) / (square * square) : 3;
 }
 
-UnitMap::Spectrum spectrum_of(const std::vector<double>& map, int cols) {
-  const int rows = static_cast<int>(map.size()) / cols;
-  const CosineTransform transformed = transform(map, cols);
-  UnitMap::Spectrum spectrum;
-  const auto modes = modes_of(rows, cols);
-  spectrum.power.resize(modes.size(), 0);
-  spectrum.constant_along.resize(modes.size(), 0);
-  std::vector<double> constant(modes.size(), 0);
+/// Cosine k of those that vary along one direction alone.
+std::pair<int, int> varying(UnitMap::Direction direction, int k) {
+  return direction == UnitMap::rows ? std::pair(0, k) : std::pair(k, 0);
+}
+
+CosineTransform tapered(const std::vector<double>& map, int cols, UnitMap::Direction direction) {
+  return transform(taper(map, cols, direction == UnitMap::rows), cols);
+}
+
+/// Mean squares of a map's cosines by ring; infinite where fewer than `enough` are asked for. `counts`: by row and
+/// column.
+template <typename Counts>
+std::vector<double> power_by_ring(const CosineTransform& transformed, const Counts& counts, double enough) {
+  const int rows = static_cast<int>(transformed.rows()), cols = static_cast<int>(transformed.cols());
+  std::vector<double> power(modes_of(rows, cols).size(), 0), count(power.size(), 0);
   for (int i = 1; i < rows * cols; ++i) {
     const int row = i / cols, col = i % cols, ring = ring_of(row, col, rows, cols);
-    const double square = transformed(row, col) * transformed(row, col);
-    spectrum.power[ring] += square / modes[ring];
-    if (row == 0 || col == 0) spectrum.constant_along[ring] += square, constant[ring] += 1;
+    if (!counts(row, col)) continue;
+    power[ring] += transformed(row, col) * transformed(row, col);
+    count[ring] += 1;
   }
-  for (std::size_t r = 0; r < modes.size(); ++r)
-    spectrum.constant_along[r] = constant[r] > 0 ? spectrum.constant_along[r] / constant[r] : spectrum.power[r];
+  for (std::size_t r = 0; r < power.size(); ++r)
+    power[r] = count[r] < enough ? std::numeric_limits<double>::infinity() : power[r] / count[r];
+  return power;
+}
+
+UnitMap::Spectrum spectrum_of(const std::vector<double>& map, int cols) {
+  const auto any = [](int, int) { return true; };
+  UnitMap::Spectrum spectrum;
+  spectrum.power = power_by_ring(transform(map, cols), any, 1);
+  for (const auto direction : {UnitMap::rows, UnitMap::columns}) {
+    const CosineTransform transformed = tapered(map, cols, direction);
+    UnitMap::Banded& banded = spectrum.tapered[direction];
+    banded.all = power_by_ring(transformed, any, 1);
+    banded.varying = power_by_ring(
+        transformed, [&](int row, int col) { return (direction == UnitMap::rows ? row : col) == 0; }, 1);
+    for (std::size_t r = 0; r < banded.all.size(); ++r)
+      if (std::isinf(banded.varying[r])) banded.varying[r] = banded.all[r];
+  }
   spectrum.kurtosis = kurtosis_of(map);
   return spectrum;
 }
@@ -59,54 +82,38 @@ template <typename SpectrumOf>
 UnitMap::Spectrum mean_spectrum(std::size_t count, const SpectrumOf& one) {
   UnitMap::Spectrum mean;
   mean.kurtosis = 0;
+  const double share = 1 / static_cast<double>(count);
+  const auto add = [share](std::vector<double>& sum, const std::vector<double>& its) {
+    sum.resize(its.size(), 0);
+    for (std::size_t r = 0; r < its.size(); ++r) sum[r] += share * its[r];
+  };
   for (std::size_t k = 0; k < count; ++k) {
     const UnitMap::Spectrum its = one(k);
-    mean.power.resize(its.power.size(), 0);
-    mean.constant_along.resize(its.power.size(), 0);
-    for (std::size_t r = 0; r < its.power.size(); ++r) {
-      mean.power[r] += its.power[r] / static_cast<double>(count);
-      mean.constant_along[r] += its.constant_along[r] / static_cast<double>(count);
+    add(mean.power, its.power);
+    for (const auto direction : {UnitMap::rows, UnitMap::columns}) {
+      add(mean.tapered[direction].varying, its.tapered[direction].varying);
+      add(mean.tapered[direction].all, its.tapered[direction].all);
     }
-    mean.kurtosis += its.kurtosis / static_cast<double>(count);
+    mean.kurtosis += share * its.kurtosis;
   }
   return mean;
 }
 
-/// Squares of the cosines that are constant along columns, or along rows, over what is expected of them in their rings:
-/// by how many standard deviations the larger sum is beyond its number. Bands stand out there, however weak they are.
-double band_excess(const std::vector<double>& map, int cols, const std::vector<double>& expected) {
-  const CosineTransform transformed = transform(map, cols);
-  const int rows = static_cast<int>(map.size()) / cols;
-  double most = 0;
-  for (const bool along_row : {true, false}) {
-    double sum = 0, count = 0;
-    for (int k = 1; k < (along_row ? cols : rows); ++k) {
-      const int row = along_row ? 0 : k, col = along_row ? k : 0, ring = ring_of(row, col, rows, cols);
-      if (ring < 1) continue;  // where poses and lens take their part
-      sum += transformed(row, col) * transformed(row, col) / std::max(expected[ring], 1e-12);
-      count += 1;
-    }
-    if (count > 0) most = std::max(most, (sum - count) / std::sqrt(2 * count));
+/// Squares of the cosines that vary along one direction alone, of the map tapered along it, over what is expected of
+/// them in their rings: by how many standard deviations their sum is beyond their number. Bands stand out there,
+/// however weak they are.
+double band_excess(const CosineTransform& transformed, UnitMap::Direction direction,
+                   const std::vector<double>& expected) {
+  const int rows = static_cast<int>(transformed.rows()), cols = static_cast<int>(transformed.cols());
+  double sum = 0, count = 0;
+  for (int k = 1; k < (direction == UnitMap::rows ? cols : rows); ++k) {
+    const auto [row, col] = varying(direction, k);
+    const int ring = ring_of(row, col, rows, cols);
+    if (ring < 1 || std::isinf(expected[ring])) continue;  // where poses and lens take their part
+    sum += transformed(row, col) * transformed(row, col) / std::max(expected[ring], 1e-12);
+    count += 1;
   }
-  return most;
-}
-
-/// Mean squares by ring of the cosines that are constant neither along columns nor along rows; infinite where they are
-/// too few to say.
-std::vector<double> power_beside_bands(const std::vector<double>& map, int cols) {
-  constexpr double enough = 12;
-  const int rows = static_cast<int>(map.size()) / cols;
-  const CosineTransform transformed = transform(map, cols);
-  std::vector<double> power(modes_of(rows, cols).size(), 0), count(power.size(), 0);
-  for (int row = 1; row < rows; ++row)
-    for (int col = 1; col < cols; ++col) {
-      const int ring = ring_of(row, col, rows, cols);
-      power[ring] += transformed(row, col) * transformed(row, col);
-      count[ring] += 1;
-    }
-  for (std::size_t r = 0; r < power.size(); ++r)
-    power[r] = count[r] < enough ? std::numeric_limits<double>::infinity() : power[r] / count[r];
-  return power;
+  return count > 0 ? (sum - count) / std::sqrt(2 * count) : 0;
 }
 
 }  // namespace
@@ -289,38 +296,47 @@ UnitMap::Gain UnitMap::gain(const Whitened& train, const Whitened& test, const s
 }
 
 bool UnitMap::has_bands(const Whitened& rest) const {
-  constexpr double clearly_bands = 24;  // what a ring's few other cosines say scatters: one in 2,000 smooth maps
-  for (std::size_t s = 0; s < segments_.size(); ++s) {
-    const Segment& segment = segments_[s];
+  // What a ring's few other cosines say scatters: one in 2,000 smooth maps is beyond, one in 50 of those that are as
+  // coarse as a quarter of the image and ten times the noise.
+  constexpr double clearly_bands = 16;
+  constexpr double enough = 8;
+  for (const Segment& segment : segments_) {
     double unused = 0;
     const auto map = map_of(segment, rest, unused);
-    std::vector<double> expected = power_beside_bands(map, segment.cols);
-    for (std::size_t r = 0; r < expected.size(); ++r)
-      expected[r] = std::max(expected[r], segment.noise_spectrum.power[r]);
-    const double bands = band_excess(map, segment.cols, expected);
-    if (tracing()) fmt::print(stderr, "  unit map in {}: bands beside others by {:.1f}\n", segment.name, bands);
-    if (bands > clearly_bands) return true;
+    for (const Direction direction : {rows, columns}) {
+      const CosineTransform transformed = tapered(map, segment.cols, direction);
+      std::vector<double> expected = power_by_ring(
+          transformed, [](int row, int col) { return row > 0 && col > 0; }, enough);
+      for (std::size_t r = 0; r < expected.size(); ++r)
+        expected[r] = std::max(expected[r], segment.noise_spectrum.tapered[direction].all[r]);
+      const double bands = band_excess(transformed, direction, expected);
+      if (tracing()) fmt::print(stderr, "  unit map in {}: bands beside others by {:.1f}\n", segment.name, bands);
+      if (bands > clearly_bands) return true;
+    }
   }
   return false;
 }
 
 bool UnitMap::looks_random(const Whitened& rest) const {
   constexpr double by_chance = 1e-4;
+  if (has_bands(rest)) return false;
   for (std::size_t s = 0; s < segments_.size(); ++s) {
     const Segment& segment = segments_[s];
     double noise = 0;
     const auto map = map_of(segment, rest, noise);
     const Match found = match(static_cast<int>(s), rest, segment.spectrum);
-    // What leaks into bands is more than what others of their rings have; few units say too little of less.
-    const auto of_bands = [](const Spectrum& spectrum, std::size_t r) {
-      return std::max(spectrum.power[r], spectrum.constant_along[r]);
-    };
-    std::vector<double> expected(segment.spectrum.power.size());
-    for (std::size_t r = 0; r < expected.size(); ++r)
-      expected[r] = of_bands(segment.noise_spectrum, r) + std::exp(found.log_scale) * of_bands(segment.spectrum, r);
-    const double bands = band_excess(map, segment.cols, expected);
-    if (tracing()) fmt::print(stderr, "  unit map in {}: bands stand out by {:.1f}\n", segment.name, bands);
-    if (bands > most_bands) return false;
+    for (const Direction direction : {rows, columns}) {
+      const Banded &of_noise = segment.noise_spectrum.tapered[direction],
+                   &of_units = segment.spectrum.tapered[direction];
+      std::vector<double> expected(of_units.all.size());
+      // Few units say too little of cosines that have less than others of their rings.
+      for (std::size_t r = 0; r < expected.size(); ++r)
+        expected[r] = std::max(of_noise.all[r], of_noise.varying[r]) +
+                      std::exp(found.log_scale) * std::max(of_units.all[r], of_units.varying[r]);
+      const double bands = band_excess(tapered(map, segment.cols, direction), direction, expected);
+      if (tracing()) fmt::print(stderr, "  unit map in {}: bands stand out by {:.1f}\n", segment.name, bands);
+      if (bands > most_bands) return false;
+    }
     if (sum_of_squares(map) < 2 * noise) continue;  // too little of a map to judge it
     const double misfit = found.misfit;
     // What rings are expected to have is a mean over few units, and scatters, too.

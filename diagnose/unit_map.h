@@ -2,6 +2,7 @@
 // captures. What train captures show of it must then return in the captures held out.
 #pragma once
 
+#include <array>
 #include <map>
 #include <optional>
 #include <string>
@@ -46,13 +47,20 @@ class UnitMap {
   /// that; empty = all.
   Gain gain(const Whitened& train, const Whitened& test, const std::string& only_segment = "") const;
 
+  /// Bands that vary along rows or along columns of the image.
+  enum Direction { rows, columns };
+  /// Mean squares by ring of those cosines that vary along one direction alone, and of all; where a ring has none of
+  /// the former, these stand for them.
+  struct Banded {
+    std::vector<double> varying, all;
+  };
   /// Mean squares of a map's discrete cosine transform in rings of frequency: nearly independent, if the map is a
-  /// stationary random one. What does not close at the image's border leaks little, and mostly into cosines that are
-  /// constant along rows or columns.
+  /// stationary random one. What does not close at the image's border leaks little of all, but much of what there is in
+  /// cosines that vary along one direction alone: where these are looked at, the map is tapered along it.
   struct Spectrum {
     std::vector<double> power;
-    std::vector<double> constant_along;  ///< of those alone; where a ring has none, of all
-    double kurtosis = 3;                 ///< of the map's values
+    std::array<Banded, 2> tapered;  ///< by Direction
+    double kurtosis = 3;            ///< of the map's values
   };
   /// How the map estimated from a residual is matched by the spectrum of simulated units.
   struct Match {
@@ -73,10 +81,11 @@ class UnitMap {
 
   /// Is the map estimated from a residual (all captures) like those of simulated units, by the distribution of its
   /// values and by its spectrum, whatever its strength? A step or a wave is no random map, a spot is no scatter of dead
-  /// pixels, rings or a spiral have a scale of their own, and bands stand out among the cosines that are constant along
-  /// rows or columns, by more than 8 standard deviations of their squares' sum.
+  /// pixels, rings or a spiral have a scale of their own, and bands (has_bands, too) stand out among the cosines of the
+  /// tapered map that are constant along rows or columns, by more than 8 standard deviations of their squares' sum.
   bool looks_random(const Whitened& rest) const;
-  /// Do bands stand out in it among the other cosines of their rings, so that it is no random map whatever the texture?
+  /// Do bands stand out in it, tapered, among the other cosines of their rings, so that it is no random map whatever
+  /// the texture? Not asked of rings with fewer than eight others.
   bool has_bands(const Whitened& rest) const;
 
  private:

@@ -141,6 +141,19 @@ TEST(UnitMap, BandsAreNoRandomMapHoweverWeak) {
   }
 }
 
+TEST(UnitMap, ASmoothMapThatIsSteepAtTheBorderHasNoBands) {
+  // Whitening leaves more of what is smooth at the border than within, and a coarse map does not close: both put power
+  // into cosines that are constant along rows or columns, under which hardly any is when the map is coarse.
+  const Stand stand;
+  const UnitMap map = stand.learned();
+  for (std::uint64_t k = 0; k < 20; ++k) {
+    auto coarse = smooth_map(7300 + k, 3);
+    for (int i = 0; i < cells; ++i)
+      if (i % cols == 0 || i % cols == cols - 1 || i / cols == 0 || i / cols == rows - 1) coarse[i] *= 2.5f;
+    EXPECT_FALSE(map.has_bands(stand.rest(recording(coarse, 4, 8400 + k)))) << k;
+  }
+}
+
 TEST(UnitMap, RingsAreNoSmoothRandomMap) {
   // As strong and as coarse, in the same captures: what tells them apart is that rings have one scale.
   const Stand stand;
