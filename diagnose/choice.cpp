@@ -13,7 +13,6 @@ namespace {
 
 constexpr double told_apart = 0.1;       // dispersion: of ten thousand statistics and more, a thousand of chi
 constexpr double hardly_rises = 0.1;     // of a held-out score that stays as it is, by chance
-constexpr double clearly = 0.01;         // of the proper score, an element
 constexpr double hardly_worse = 0.0025;  // by less, the scatter of its own simulations moves the proper score
 
 }  // namespace
@@ -44,7 +43,7 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
   if (by_best != by_other) {
     const bool by_less = by_other < by_best;
     const Contender &less = by_less ? runner_up : best, &more = by_less ? best : runner_up;
-    const bool simpler = more.parameters < less.parameters && more.proper_score < less.proper_score - clearly;
+    const bool simpler = more.parameters < less.parameters && more.proper_score < less.proper_score - clearly_lower;
     return {by_less != simpler, false};
   }
   if (best.parameters != runner_up.parameters) return {runner_up.parameters < best.parameters, false};
@@ -60,7 +59,7 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
   // sooner where nothing was unexplained.
   // Where nothing is unexplained any more, it may be twice that: masks do not come back to where they were.
   const bool explains_all = !before.unexplained.empty() && after.unexplained.empty();
-  const bool gets_worse = (excess == 0 && rise >= (explains_all ? 2 : 1) * clearly) ||
+  const bool gets_worse = (excess == 0 && rise >= (explains_all ? 2 : 1) * clearly_lower) ||
                           (rise >= hardly_worse && before.unexplained.empty()) || (rise > 0 && addition.draws);
   const double fall = addition.unproven ? std::max(hardly_rises, unproven_fall * excess) : least_fall * excess;
   if (!gets_worse && after.heldout <= before.heldout - fall) return true;
@@ -71,13 +70,13 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
   const bool explains = had_gone_far && after.statistics - 1 < (1 - most) * (before.statistics - 1);
   // Three numbers of the lens are as large a part of the held-out score as thousands of cells: chance in them may hide
   // that everything is explained now.
-  return addition.by_its_map || (rise <= -clearly && (hardly_rose || explains)) ||
+  return addition.by_its_map || (rise <= -clearly_lower && (hardly_rose || explains)) ||
          (rise < 0 && hardly_rose && explains_all);
 }
 
 bool takes_the_place(const Left& present, const Left& other) {
   constexpr double much = 0.25, at_least = 0.1;
-  const bool properly = other.proper_score < present.proper_score - clearly && other.heldout <= present.heldout;
+  const bool properly = other.proper_score < present.proper_score - clearly_lower && other.heldout <= present.heldout;
   const bool held_out = other.heldout < present.heldout - std::max(at_least, much * (present.heldout - 1)) &&
                         other.proper_score < present.proper_score + hardly_worse;
   return properly || held_out;

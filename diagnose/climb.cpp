@@ -24,9 +24,8 @@
 namespace binrig {
 namespace {
 
-constexpr double leaves_little = 1.3;    // dispersion up to which places, masks and look-alikes are looked after
-constexpr double clearly_better = 0.01;  // of a proper score
-constexpr int most_tries = 3;            // of hypotheses one after the other, as long as none makes the ladder better
+constexpr double leaves_little = 1.3;  // dispersion up to which places, masks and look-alikes are looked after
+constexpr int most_tries = 3;          // of hypotheses one after the other, as long as none makes the ladder better
 
 class Climb {
  public:
@@ -59,7 +58,7 @@ class Climb {
       climbed_.options.fixed = bent;
       climb_from(fit_rung(experiment_, motions_, measured_, given_, {}, climbed_.options));
       if (!climbed_.evidence.accepted.empty() &&
-          proper_score(layout, climbed_.rungs.back()) < proper_score(layout, first) - clearly_better) {
+          proper_score(layout, climbed_.rungs.back()) < proper_score(layout, first) - clearly_lower) {
         climbed_.warnings.push_back(
             fmt::format("{} stayed as given: fitted alone, they made the model far more random than the recording",
                         fmt::join(bent, ", ")));

@@ -13,6 +13,8 @@ namespace binrig {
 /// captures held out (or of another part): the smaller the better, and needless variance makes it larger. Source: the
 /// logarithmic score of a normal distribution, without its constant.
 double proper_score(const Layout& layout, const Rung& rung, Part part = Part::test);
+/// A proper score lower by so much is clearly better: an element's, of captures held out.
+constexpr double clearly_lower = 0.01;
 
 /// The same on captures held out, the bias not in units of its spread, which has the practical floor in it, but of what
 /// the rung's own simulations (it must have its nulls) leave of it: with their mean square c, y^2 becomes y^2 / c + ln c.

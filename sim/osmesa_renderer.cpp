@@ -401,7 +401,9 @@ class Rasterising final : public Visibility {
       }
     }
     if (sum.norm() == 0 || sum.normalized().z() > 0.9) return Eigen::Matrix3d::Identity();
-    return Eigen::Quaterniond::FromTwoVectors(sum, Vector3(0, 0, 1)).toRotationMatrix();
+    const Vector3 z = sum.normalized();
+    const Vector3 about = z.z() > -1 + 1e-9 ? Vector3(z.y(), -z.x(), 0).normalized() : Vector3(1, 0, 0);
+    return Eigen::AngleAxisd(std::acos(z.z()), about).toRotationMatrix();
   }
 
   // The six faces of a cube about the light: a light in the middle of things sees them all; usually one is enough.

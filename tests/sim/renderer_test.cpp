@@ -282,7 +282,7 @@ TEST(Renderer, ThePlaneRendererAgreesWithATwoTrianglePlane) {
   const Vector3 n = Vector3(0.3, -0.2, -1).normalized();
   analytic.plane = ScenePlane{n, n.dot(Vector3(0, 0, 800)), Surface{0.6f, 0.2f, 10.f, {1, 1, 1}, false}};
   RenderScene meshes;
-  Pose X(Eigen::Quaterniond::FromTwoVectors(Vector3(0, 0, 1), n));
+  Pose X(Eigen::AngleAxisd(std::acos(n.z()), Vector3(-n.y(), n.x(), 0).normalized()));
   X.pretranslate(Vector3(0, 0, 800));
   meshes.objects.push_back({rectangle_mesh(9000, 9000, analytic.plane->surface), X, 1});
   for (const Camera& camera : {small_camera(), lens_camera()}) {
