@@ -62,14 +62,14 @@ void ladder_section(Page& page, const Diagnosis& diagnosis) {
     curve.y.push_back(step.score.heldout);
     const std::string name = step.name("the model given");
     plot.x_ticks.emplace_back(step.step, step.added.empty() ? name : "+ " + name);
-    std::vector<Cell> row{Cell(step.step), Cell(name), Cell(step.score.heldout)};
+    std::vector<TableCell> row{TableCell(step.step), TableCell(name), TableCell(step.score.heldout)};
     for (const char* channel : {"bias", "noise", "spectrum", "mask", "edges", "time", "poses"}) {
       const auto at = step.score.by_channel.find(channel);
-      row.push_back(at == step.score.by_channel.end() ? Cell("-") : Cell(at->second));
+      row.push_back(at == step.score.by_channel.end() ? TableCell("-") : TableCell(at->second));
     }
-    row.push_back(Cell(step.score.bias_rms_mm));
-    row.push_back(Cell(step.score.noise_ratio));
-    row.push_back(Cell(step.score.proper));
+    row.push_back(TableCell(step.score.bias_rms_mm));
+    row.push_back(TableCell(step.score.noise_ratio));
+    row.push_back(TableCell(step.score.proper));
     table.rows.push_back(row);
   }
   if (curve.x.size() > 1) {
@@ -188,8 +188,8 @@ std::string write_diagnosis_page(const Diagnosis& diagnosis, const DiagnosisRun&
     table.columns = {"effect", "parameters (95 % interval)", "gain on captures held out",
                      "p",      "held-out score after",       "cannot be told from"};
     for (const auto& candidate : diagnosis.candidates)
-      table.rows.push_back({candidate.effect, parameter_text(candidate), Cell(candidate.evidence),
-                            p_cell(candidate.p, candidate.null_count), Cell(candidate.heldout_after),
+      table.rows.push_back({candidate.effect, parameter_text(candidate), TableCell(candidate.evidence),
+                            p_cell(candidate.p, candidate.null_count), TableCell(candidate.heldout_after),
                             fmt::format("{}", fmt::join(candidate.confounded_with, ", "))});
     page.table(table);
     page.subsection("Adding it by hand");
@@ -211,7 +211,7 @@ std::string write_diagnosis_page(const Diagnosis& diagnosis, const DiagnosisRun&
     Table table;
     table.columns = {"effect", "parameter", "unit", "given", "fitted (95 % interval)", "remark"};
     for (const auto& entry : diagnosis.present)
-      table.rows.push_back({entry.id, entry.name, entry.unit, Cell(entry.given),
+      table.rows.push_back({entry.id, entry.name, entry.unit, TableCell(entry.given),
                             fmt::format("{} ({} .. {})", significant(entry.fitted, 4), significant(entry.low, 4),
                                         significant(entry.high, 4)),
                             entry.superfluous   ? "as good as absent: this recording needs no such effect"
@@ -225,7 +225,7 @@ std::string write_diagnosis_page(const Diagnosis& diagnosis, const DiagnosisRun&
     Table table;
     table.columns = {"statistic", "times the model's own randomness", "goes with", "share explained by that", "shape"};
     for (const auto& entry : diagnosis.unexplained)
-      table.rows.push_back({entry.segment, Cell(entry.ratio), fmt::format("{}", fmt::join(entry.covariates, ", ")),
+      table.rows.push_back({entry.segment, TableCell(entry.ratio), fmt::format("{}", fmt::join(entry.covariates, ", ")),
                             percent(entry.share), entry.shape});
     page.table(table);
     for (const auto& entry : diagnosis.unexplained)
@@ -245,7 +245,7 @@ std::string write_diagnosis_page(const Diagnosis& diagnosis, const DiagnosisRun&
     Table table;
     table.columns = {"effect", "explained (chi-square)", "price", "p"};
     for (const auto& entry : ranking)
-      table.rows.push_back({entry.effect, Cell(entry.gain), Cell(entry.price),
+      table.rows.push_back({entry.effect, TableCell(entry.gain), TableCell(entry.price),
                             p_cell(entry.p, diagnosis.candidates.empty() ? 0 : diagnosis.candidates[0].null_count)});
     page.begin_details("ranking of all effects");
     page.table(table);

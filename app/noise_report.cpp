@@ -170,7 +170,7 @@ std::string write_noise_page(const NoiseFitReport& report, const std::string& fo
   for (const auto* list : {&report.train, &report.test})
     for (const auto& c : *list)
       table.rows.push_back({c.look.key, c.frames_used, c.look.plane.distance_mm, c.look.plane.incidence_rad * degrees,
-                            c.single.sigma_mm(), c.temporal ? Cell(c.temporal->sigma_mm()) : Cell("-"),
+                            c.single.sigma_mm(), c.temporal ? TableCell(c.temporal->sigma_mm()) : TableCell("-"),
                             c.noise().correlation_length_px()});
   page.table(table);
   page.section("Judgement");

@@ -36,7 +36,8 @@ void count(double vertical, Shares& shares) {
   ++(vertical > 0.98 ? shares.flat : vertical < 0.05 ? shares.edge : shares.other);
 }
 
-Shares dropped(const Body& body, const BinBox& bin, const Layout& layout, const StackingSettings& settings, int drops) {
+Shares dropped(const Body& body, const BinBox& bin, const DropLayout& layout, const StackingSettings& settings,
+               int drops) {
   Shares shares;
   for (int seed = 0; seed < drops; ++seed) {
     Stacking stacking({body}, bin, settings, RandomStream(static_cast<std::uint64_t>(seed)));
@@ -91,7 +92,7 @@ void dice(int drops) {
   BinBox table_top;
   table_top.inner_size_mm = Vector3(2000, 2000, 40);
   table_top.restitution = 0.5;
-  Layout layout;
+  DropLayout layout;
   layout.height_mm = 300;
   layout.jolt_gravities = 0;
   StackingSettings thrown;
@@ -102,7 +103,7 @@ void dice(int drops) {
   for (const Measured& m : table) {
     const auto mesh = box_mesh(Eigen::Vector3d(20, 20, 20 * m.ratio), Surface{});
     Body body = body_of(*mesh);
-    const Shares poured = dropped(body, BinBox{}, Layout{}, {}, drops), slow = rolled_slowly(*mesh, drops);
+    const Shares poured = dropped(body, BinBox{}, DropLayout{}, {}, drops), slow = rolled_slowly(*mesh, drops);
     body.restitution = 0.5;
     const Shares free = dropped(body, table_top, layout, thrown, drops);
     std::printf("| %.2f | %.3f +- %.3f | %.3f | %.3f | %.3f |\n", m.ratio, m.square,
@@ -115,8 +116,8 @@ void dice(int drops) {
 void wrench(int drops) {
   const auto mesh = part_model("wrench").mesh;
   const Body body = body_of(*mesh);
-  const Shares slow = rolled_slowly(*mesh, drops), poured = dropped(body, BinBox{}, Layout{}, {}, drops);
-  Layout still;
+  const Shares slow = rolled_slowly(*mesh, drops), poured = dropped(body, BinBox{}, DropLayout{}, {}, drops);
+  DropLayout still;
   still.jolt_gravities = 0;
   const Shares quiet = dropped(body, BinBox{}, still, {}, drops);
   std::printf("wrench on its narrow edge: %.3f (bin jolted), %.3f (not jolted), %.3f without speed; leaning %.3f\n",

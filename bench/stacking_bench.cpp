@@ -58,7 +58,7 @@ Pile measured(const std::string& name, int count, int seed) {
   BinBox bin;
   if (count > 18) bin.inner_size_mm *= std::cbrt(count / 18.0);
   Stacking stacking(bodies, bin, {}, RandomStream(static_cast<std::uint64_t>(seed)));
-  const SettleReport report = stacking.drop(kinds, Layout{});
+  const SettleReport report = stacking.drop(kinds, DropLayout{});
   const PileQuality quality = pile_quality(stacking);
   return {report.simulated_s,          report.cpu_s,          report.wall_s,    report.most_penetration_mm,
           quality.most_penetration_mm, quality.most_hover_mm, quality.hovering, report.left_bin,

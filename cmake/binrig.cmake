@@ -20,6 +20,15 @@ function(binrig_library name)
   add_library(binrig_${name} STATIC ${sources})
   target_link_libraries(binrig_${name} PUBLIC ${ARG_LINK} PRIVATE ${ARG_PRIVATE})
   binrig_precompile(binrig_${name})
+  binrig_compile_together(binrig_${name})
+endfunction()
+
+# With BINRIG_UNITY, the compiler reads six files at once: a clean build instantiates templates that several files need
+# once. Names of anonymous namespaces must then differ within a folder.
+function(binrig_compile_together target)
+  if(BINRIG_UNITY)
+    set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 6)
+  endif()
 endfunction()
 
 # The headers that nearly every file reads; one precompiled header serves all targets.
@@ -52,6 +61,7 @@ function(binrig_tests name)
     set_tests_properties(${name}_tests PROPERTIES TIMEOUT 300)
     return()
   endif()
+  binrig_compile_together(${name}_tests)
   gtest_discover_tests(${name}_tests DISCOVERY_MODE PRE_TEST DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 300
     WORKING_DIRECTORY ${CMAKE_SOURCE_DIR})
 endfunction()

@@ -197,12 +197,12 @@ Table test_table(const NoiseProfile& m, const NoiseProfile* s) {
   const auto add = [&](const TestResult& t, const char* whose) {
     if (!t.done) {
       table.rows.push_back(
-          {t.name, whose, "-", "-", "-", "-", "-", Cell(t.method.empty() ? "not done" : t.method, Mark::none)});
+          {t.name, whose, "-", "-", "-", "-", "-", TableCell(t.method.empty() ? "not done" : t.method, Mark::none)});
       return;
     }
     table.rows.push_back({t.name, whose, t.statistic, t.threshold, fmt::format("{:.0f}", t.degrees_of_freedom),
                           fmt::format("{:.0f}", t.effective_n), p_text(t.p_value),
-                          Cell(t.rejected() ? "rejected" : "stands", Mark::none)});
+                          TableCell(t.rejected() ? "rejected" : "stands", Mark::none)});
   };
   const auto both = [&](auto&& pick) {
     add(pick(m), "measured");

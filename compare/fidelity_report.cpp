@@ -40,9 +40,9 @@ Table aspect_table(const std::vector<Aspect>& aspects, const std::string& captio
   table.caption = caption;
   table.columns = {"aspect", "measured", "simulated", "difference", "tolerance", "p", "outcome"};
   for (const Aspect& a : aspects) {
-    table.rows.push_back({with_unit(a), a.id == "spectrum" ? Cell("-") : Cell(a.measured), a.simulated, shown_effect(a),
-                          shown_tolerance(a), p_text(a.p_value),
-                          Cell(agreement_name(a.agreement), mark_of(a.agreement))});
+    table.rows.push_back({with_unit(a), a.id == "spectrum" ? TableCell("-") : TableCell(a.measured), a.simulated,
+                          shown_effect(a), shown_tolerance(a), p_text(a.p_value),
+                          TableCell(agreement_name(a.agreement), mark_of(a.agreement))});
   }
   return table;
 }
@@ -148,7 +148,8 @@ Table metrics_table(const CaptureFidelity& c) {
   const auto& s = c.simulated;
   const auto add = [&](const std::string& what, std::optional<double> a, std::optional<double> b,
                        const std::string& unit) {
-    if (a || b) table.rows.push_back({what, a ? Cell(*a) : Cell("-"), b ? Cell(*b) : Cell("-"), unit});
+    if (a || b)
+      table.rows.push_back({what, a ? TableCell(*a) : TableCell("-"), b ? TableCell(*b) : TableCell("-"), unit});
   };
   add("distance", m.metrics.distance_mm, s.metrics.distance_mm, "mm");
   add("fill rate", 100 * m.metrics.fill_rate, 100 * s.metrics.fill_rate, "%");
@@ -309,11 +310,11 @@ void draw_fidelity(Page& page, const Fidelity& f, int detailed, const std::strin
       for (const auto& a : c.aspects) {
         if (a.agreement == Agreement::differs) differs += (differs.empty() ? "" : ", ") + a.id;
       }
-      table.rows.push_back({c.capture, significant(c.measured.distance_mm, 4), c.measured.frames,
-                            c.measured.sigma_mm.value, c.simulated.sigma_mm.value,
-                            c.measured.correlation_length_px.value, c.simulated.correlation_length_px.value,
-                            percent(c.spectrum.share_inside, 2),
-                            Cell(differs.empty() ? "nothing" : differs, differs.empty() ? Mark::good : Mark::bad)});
+      table.rows.push_back(
+          {c.capture, significant(c.measured.distance_mm, 4), c.measured.frames, c.measured.sigma_mm.value,
+           c.simulated.sigma_mm.value, c.measured.correlation_length_px.value, c.simulated.correlation_length_px.value,
+           percent(c.spectrum.share_inside, 2),
+           TableCell(differs.empty() ? "nothing" : differs, differs.empty() ? Mark::good : Mark::bad)});
     }
     page.table(table);
   }

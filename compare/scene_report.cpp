@@ -199,9 +199,10 @@ void draw_scenes(Page& page, const std::vector<SceneFidelity>& scenes, const std
                    "simulated, mm",
                    "missing outside the model"};
   for (const auto& s : scenes) {
-    table.rows.push_back({s.capture, s.frames, s.measured.median_mm, s.simulated.median_mm, s.measured.spread_mm,
-                          s.simulated.spread_mm, s.frames > 1 ? Cell(s.measured.temporal_sigma_mm) : Cell("-"),
-                          s.frames > 1 ? Cell(s.simulated.temporal_sigma_mm) : Cell("-"), percent(s.outside_share)});
+    table.rows.push_back(
+        {s.capture, s.frames, s.measured.median_mm, s.simulated.median_mm, s.measured.spread_mm, s.simulated.spread_mm,
+         s.frames > 1 ? TableCell(s.measured.temporal_sigma_mm) : TableCell("-"),
+         s.frames > 1 ? TableCell(s.simulated.temporal_sigma_mm) : TableCell("-"), percent(s.outside_share)});
   }
   page.table(table);
   int drawn = 0;

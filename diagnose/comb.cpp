@@ -13,9 +13,9 @@
 namespace binrig {
 namespace {
 
-constexpr double far_better = 100;                     // of chi: what a wrong valley costs, and roughness hardly
-constexpr int values = 24;                             // tried to either side
-constexpr double near_factor = 1.5, as_good = 0.0001;  // of a step that was read off the values
+constexpr double far_better = 100;                   // of chi: what a wrong valley costs, and roughness hardly
+constexpr int values = 24;                           // tried to either side
+constexpr double near_factor = 1.5, equal = 0.0001;  // of a step that was read off the values
 /// Relative. A hundred steps within the range shift by a fourteenth of one, then by less, and once more: noise that is
 /// still bent hides the last of the way.
 constexpr double spacings[] = {0.0007, 0.0002, 0.0002};
@@ -63,7 +63,7 @@ void comb_steps(const Experiment& experiment, const std::vector<SceneMotion>& mo
       SensorModel model = rung.model;
       double& value = value_in(model, step.id, step.spec->name).value;
       const double ratio = read.value / value;
-      if (std::max(ratio, 1 / ratio) > near_factor || std::abs(ratio - 1) < as_good) continue;
+      if (std::max(ratio, 1 / ratio) > near_factor || std::abs(ratio - 1) < equal) continue;
       value = std::clamp(read.value, step.spec->lower, step.spec->upper);
       Rung other = fit_rung(experiment, motions, measured, model, {}, again);
       const double before = train_score(rung), after = train_score(other);

@@ -16,7 +16,7 @@
 namespace binrig {
 namespace {
 
-constexpr double least_share = 0.67;  // of a segment of a signature that must be signal
+constexpr double least_of_signal = 0.67;  // of a segment of a signature that must be signal
 
 struct Place {
   int hypothesis, path, atom;
@@ -57,8 +57,8 @@ StatVector shrunk_change(const Layout& layout, const std::vector<float>& spread,
   for (StatVector& change : changes)
     for (int i = 0; i < layout.size; ++i)
       change[i] = spread[i] == 0 || std::isnan(change[i]) ? 0.f : change[i] / spread[i];
-  pool_noisy(layout, spread, std::max(map_share, least_share), changes);
-  StatVector mean = shrunk(layout, mean_over_seeds(layout, changes), least_share);
+  pool_noisy(layout, spread, std::max(map_share, least_of_signal), changes);
+  StatVector mean = shrunk(layout, mean_over_seeds(layout, changes), least_of_signal);
   for (int i = 0; i < layout.size; ++i) mean[i] *= spread[i];
   return mean;
 }

@@ -100,13 +100,13 @@ const char* const wipe_tools =
 
 }  // namespace
 
-Cell::Cell(std::string given, Mark mark) : text(std::move(given)), mark(mark) {
+TableCell::TableCell(std::string given, Mark mark) : text(std::move(given)), mark(mark) {
   number = !text.empty() && text.size() <= 32 &&
            text.find_first_not_of("0123456789.eE+-<> %()\xe2\x80\x93\xc2\xa0") == std::string::npos &&
            text.find_first_not_of("0123456789.+-<> %") != 0;
 }
 
-Cell::Cell(double value, Mark mark) : text(significant(value)), mark(mark), number(true) {}
+TableCell::TableCell(double value, Mark mark) : text(significant(value)), mark(mark), number(true) {}
 
 std::string significant(double value, int digits) {
   if (!std::isfinite(value)) return "-";
@@ -195,7 +195,7 @@ void Page::table(const Table& table) {
   html += "</tr></thead><tbody>\n";
   for (const auto& row : table.rows) {
     html += "<tr>";
-    for (const Cell& cell : row) {
+    for (const TableCell& cell : row) {
       html += fmt::format("<td class=\"{}{}\">{}</td>", cell.number ? "num " : "", mark_class(cell.mark),
                           escaped(cell.text));
     }

@@ -24,13 +24,13 @@ namespace binrig {
 /// How something turned out. Shown as a word's colour and a sign, so that it survives grey print.
 enum class Mark { none, good, bad, open };
 
-struct Cell {
+struct TableCell {
   /// Text that is a number with at most a sign, "<" or "%" about it ("< 1e-12", "-3.2 %", "-") is set as one.
-  Cell(std::string text, Mark mark = Mark::none);                                    // NOLINT: implicit on purpose
-  Cell(const char* text, Mark mark = Mark::none) : Cell(std::string(text), mark) {}  // NOLINT
+  TableCell(std::string text, Mark mark = Mark::none);  // NOLINT: implicit on purpose
+  TableCell(const char* text, Mark mark = Mark::none) : TableCell(std::string(text), mark) {}  // NOLINT
   /// Three significant digits.
-  Cell(double value, Mark mark = Mark::none);                                                         // NOLINT
-  Cell(int value, Mark mark = Mark::none) : text(std::to_string(value)), mark(mark), number(true) {}  // NOLINT
+  TableCell(double value, Mark mark = Mark::none);                                                         // NOLINT
+  TableCell(int value, Mark mark = Mark::none) : text(std::to_string(value)), mark(mark), number(true) {}  // NOLINT
   std::string text;
   Mark mark = Mark::none;
   bool number = false;  ///< set flush right
@@ -38,7 +38,7 @@ struct Cell {
 
 struct Table {
   std::vector<std::string> columns;  ///< heads, with units: "sigma (mm)"
-  std::vector<std::vector<Cell>> rows;
+  std::vector<std::vector<TableCell>> rows;
   std::string caption;
 };
 

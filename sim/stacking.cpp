@@ -442,10 +442,10 @@ struct Stacking::Impl {
     return report;
   }
 
-  void lay_out(std::vector<int> dropped, const Layout& layout);
+  void lay_out(std::vector<int> dropped, const DropLayout& layout);
 };
 
-void Stacking::Impl::lay_out(std::vector<int> dropped, const Layout& layout) {
+void Stacking::Impl::lay_out(std::vector<int> dropped, const DropLayout& layout) {
   Violations violations;
   if (dropped.empty()) violations.add("", "count", "is 0: there is nothing to drop");
   double radius = 0;
@@ -528,7 +528,7 @@ Stacking::Stacking(std::vector<Body> bodies, const BinBox& bin, const StackingSe
 
 Stacking::~Stacking() = default;
 
-SettleReport Stacking::drop(const std::vector<int>& kinds, const Layout& layout) {
+SettleReport Stacking::drop(const std::vector<int>& kinds, const DropLayout& layout) {
   if (impl_->clamped) throw Error("cannot drop parts into a clamped bin: release the clamp first");
   return impl_->timed([&] {
     impl_->lay_out(kinds, layout);

@@ -37,7 +37,7 @@ struct BinBox {
 
 /// How parts are laid out above the bin before they fall: an array of columns (x) by rows (y), in as many layers as
 /// the parts need. 0 = chosen: as many columns and rows as fit, a spacing at which no two parts can touch.
-struct Layout {
+struct DropLayout {
   int columns = 0, rows = 0;
   double spacing_mm = 0;  ///< between centres, in all three directions
   double height_mm = 10;  ///< of the lowest parts above the rim (or above the pile where that is higher)
@@ -86,7 +86,7 @@ class Stacking {
 
   /// Lays one part per element of `kinds` out above the bin, in random order, lets them fall and settles. Throws Error
   /// for no parts and for an array that does not fit above the bin.
-  SettleReport drop(const std::vector<int>& kinds, const Layout& layout);
+  SettleReport drop(const std::vector<int>& kinds, const DropLayout& layout);
 
   /// Runs until steady, then freezes: velocities are zero and poses stay until the next call.
   SettleReport settle();

@@ -79,7 +79,7 @@ struct WorldBin {
   Surface surface;
   std::shared_ptr<const Mesh> mesh;       ///< in B
   std::vector<std::pair<int, int>> fill;  ///< what falls into it: index into parts, how many
-  Layout layout;
+  DropLayout layout;
   std::string where;  ///< file:line, for messages
 };
 

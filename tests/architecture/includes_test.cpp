@@ -46,13 +46,13 @@ bool may_include(const std::string& from, const std::string& header) {
   const std::string room = room_of(from), target = room_of(header);
   const auto entry = allowed.find(room);
   if (entry == allowed.end()) return false;
-  if (room == target || entry->second.count("all") || entry->second.count(target) || entry->second.count(header)) return true;
+  if (room == target || entry->second.count("all") || entry->second.count(target) || entry->second.count(header))
+    return true;
   return room == "sim" && rooms_of_sim.count(target);
 }
 
 template <typename Visit>
-void for_each_include(Visit visit) {
-  const std::regex include(R"re(^\s*#\s*include\s*(["<])([^">]+)[">])re");
+void for_each_line(Visit visit) {
   for (const auto& [folder, unused] : allowed) {
     if (!fs::is_directory(root / folder) || folder.find('/') != std::string::npos) continue;
     for (const auto& file : fs::recursive_directory_iterator(root / folder)) {
@@ -61,13 +61,18 @@ void for_each_include(Visit visit) {
       const std::string name = fs::relative(file.path(), root).string();
       std::ifstream in(file.path());
       int number = 0;
-      for (std::string line; std::getline(in, line);) {
-        ++number;
-        std::smatch match;
-        if (std::regex_search(line, match, include)) visit(name, number, match[2].str(), match[1].str() == "\"");
-      }
+      for (std::string line; std::getline(in, line);) visit(name, ++number, line);
     }
   }
+}
+
+template <typename Visit>
+void for_each_include(Visit visit) {
+  const std::regex include(R"re(^\s*#\s*include\s*(["<])([^">]+)[">])re");
+  for_each_line([&](const std::string& file, int number, const std::string& line) {
+    std::smatch match;
+    if (std::regex_search(line, match, include)) visit(file, number, match[2].str(), match[1].str() == "\"");
+  });
 }
 
 TEST(Architecture, EveryIncludeIsInTheTable) {
@@ -99,6 +104,23 @@ TEST(Architecture, ThirdPartyHeadersStayOutOfOurHeaders) {
   });
 }
 
+// Two types of one name share their destructors and copies: the linker keeps one of each.
+TEST(Architecture, OneNameIsOneTypeInAllHeaders) {
+  const std::regex space(R"(^namespace ([\w:]+) \{)"), type(R"(^(struct|class|enum class) (\w+)[^;]*\{)");
+  std::map<std::string, std::string> declared;  // where
+  std::string file_now, space_now;
+  for_each_line([&](const std::string& file, int number, const std::string& line) {
+    if (fs::path(file).extension() != ".h") return;
+    if (file != file_now) file_now = file, space_now.clear();
+    std::smatch match;
+    if (std::regex_search(line, match, space)) space_now = match[1];
+    if (!std::regex_search(line, match, type)) return;
+    const auto [other, is_new] = declared.emplace(space_now + "::" + match[2].str(), file);
+    EXPECT_TRUE(is_new) << file << ":" << number << " declares " << other->first << " as " << other->second << " does";
+  });
+  EXPECT_GT(declared.size(), 100u);
+}
+
 // The diagnosis knows no effect by name: none of their names may stand in diagnose/, not even in a comment.
 TEST(Architecture, TheDiagnosisNamesNoEffect) {
   std::set<std::string> names;
@@ -106,7 +128,8 @@ TEST(Architecture, TheDiagnosisNamesNoEffect) {
     if (file.path().extension() == ".cpp") names.insert(file.path().stem().string());
   }
   ASSERT_FALSE(names.empty());
-  const std::set<std::string> everyday{"formula", "dust", "latency", "vibration", "smoothing"};  // words of the language
+  const std::set<std::string> everyday{"formula", "dust", "latency", "vibration",
+                                       "smoothing"};  // words of the language
   for (const auto& file : fs::recursive_directory_iterator(root / "diagnose")) {
     std::ifstream in(file.path());
     int number = 0;

@@ -50,11 +50,11 @@ void write_set(const std::string& path, int frames) {
   writer.finish_capture();
 }
 
-// The Error that `body` throws, as text; a failure if it throws none.
-template <typename Body>
-std::string error_of(Body body) {
+// The Error that `call` throws, as text; a failure if it throws none.
+template <typename Call>
+std::string thrown_by(Call call) {
   try {
-    body();
+    call();
   } catch (const Error& problem) {
     return problem.what();
   }
@@ -147,7 +147,7 @@ TEST(Recording, CaptureIsAddedToAnExistingSetOfTheSameSensorOnly) {
   write_set(folder / "set", 1);
   {
     RecordingWriter writer(folder / "set", set_info());
-    EXPECT_NE(error_of([&] { writer.begin_capture(capture_info()); }).find("already has"), std::string::npos);
+    EXPECT_NE(thrown_by([&] { writer.begin_capture(capture_info()); }).find("already has"), std::string::npos);
     writer.begin_capture(capture_info(2));
     writer.write(full_frame(5));
     writer.finish_capture();
@@ -155,7 +155,7 @@ TEST(Recording, CaptureIsAddedToAnExistingSetOfTheSameSensorOnly) {
   EXPECT_EQ(RecordingSet::open(folder / "set").captures().size(), 2u);
   SetInfo other = set_info();
   other.sensor.name = "another";
-  EXPECT_NE(error_of([&] { RecordingWriter(folder / "set", other); }).find("another sensor"), std::string::npos);
+  EXPECT_NE(thrown_by([&] { RecordingWriter(folder / "set", other); }).find("another sensor"), std::string::npos);
 }
 
 TEST(Recording, SpeaksOfAMarkedTargetWhereEveryFrameMarksIt) {
@@ -198,13 +198,13 @@ TEST(RecordingBadInput, OneBrokenFileIsOneErrorAndTheOtherFramesStayUsable) {
   fs::remove(capture_folder + "/depth/000002.png");
   const CaptureReader capture = RecordingSet::open(folder / "set").capture("train/1");
   ASSERT_EQ(capture.size(), 4);
-  const std::string truncated = error_of([&] { capture.frame(0); });
+  const std::string truncated = thrown_by([&] { capture.frame(0); });
   EXPECT_NE(truncated.find("000000.png"), std::string::npos);
   EXPECT_NE(truncated.find("truncated"), std::string::npos);
-  const std::string eight_bit = error_of([&] { capture.frame(1); });
+  const std::string eight_bit = thrown_by([&] { capture.frame(1); });
   EXPECT_NE(eight_bit.find("000001.png"), std::string::npos);
   EXPECT_NE(eight_bit.find("16 bits"), std::string::npos);
-  EXPECT_NE(error_of([&] { capture.frame(2); }).find("000002.png"), std::string::npos);
+  EXPECT_NE(thrown_by([&] { capture.frame(2); }).find("000002.png"), std::string::npos);
   EXPECT_EQ(difference(capture.frame(3), full_frame(3)), "");
 }
 
@@ -212,7 +212,7 @@ TEST(RecordingBadInput, WrongImageSizeNamesBoth) {
   ScratchFolder folder;
   write_set(folder / "set", 1);
   cv::imwrite(folder / "set/train/000001/depth/000000.png", cv::Mat(8, 8, CV_16U, cv::Scalar(7)));
-  const std::string text = error_of([&] { RecordingSet::open(folder / "set").capture("train/1").frame(0); });
+  const std::string text = thrown_by([&] { RecordingSet::open(folder / "set").capture("train/1").frame(0); });
   EXPECT_NE(text.find("8 x 8"), std::string::npos);
   EXPECT_NE(text.find("24 x 16"), std::string::npos);
 }
@@ -225,11 +225,11 @@ TEST(RecordingBadInput, CameraWithoutKOrWithBadScaleNamesFileAndFrame) {
             R"({"0": {"depth_scale": 0.1}, "1": {"cam_K": [50,0,12,0,50,8,0,0,1], "depth_scale": 0},
                 "2": {"cam_K": [50,0,12,0,50,8,0,0,1], "depth_scale": -0.1}})");
   const CaptureReader capture = RecordingSet::open(folder / "set").capture("train/1");
-  const std::string no_k = error_of([&] { capture.frame(0); });
+  const std::string no_k = thrown_by([&] { capture.frame(0); });
   EXPECT_NE(no_k.find("scene_camera.json, frame 0"), std::string::npos) << no_k;
   EXPECT_NE(no_k.find("cam_K"), std::string::npos);
   for (int i : {1, 2}) {
-    const std::string scale = error_of([&] { capture.frame(i); });
+    const std::string scale = thrown_by([&] { capture.frame(i); });
     EXPECT_NE(scale.find("depth_scale"), std::string::npos);
     EXPECT_NE(scale.find("frame " + std::to_string(i)), std::string::npos);
   }
@@ -239,13 +239,13 @@ TEST(RecordingBadInput, NotANumberAndNotJson) {
   ScratchFolder folder;
   write_set(folder / "set", 1);
   overwrite(folder / "set/train/000001/scene_camera.json", R"({"0": {"cam_K": [null,0,12,0,50,8,0,0,1]}})");
-  EXPECT_NE(error_of([&] { RecordingSet::open(folder / "set").capture("train/1").frame(0); }).find("cam_K"),
+  EXPECT_NE(thrown_by([&] { RecordingSet::open(folder / "set").capture("train/1").frame(0); }).find("cam_K"),
             std::string::npos);
   overwrite(folder / "set/train/000001/scene_camera.json", "{\"0\": {");
-  EXPECT_NE(error_of([&] { RecordingSet::open(folder / "set").capture("train/1"); }).find("not JSON"),
+  EXPECT_NE(thrown_by([&] { RecordingSet::open(folder / "set").capture("train/1"); }).find("not JSON"),
             std::string::npos);
   overwrite(folder / "set/recording.json", "nothing");
-  EXPECT_NE(error_of([&] { RecordingSet::open(folder / "set"); }).find("recording.json"), std::string::npos);
+  EXPECT_NE(thrown_by([&] { RecordingSet::open(folder / "set"); }).find("recording.json"), std::string::npos);
 }
 
 TEST(RecordingBadInput, FramesWithNanAreRefused) {
@@ -254,18 +254,18 @@ TEST(RecordingBadInput, FramesWithNanAreRefused) {
   writer.begin_capture(capture_info());
   Frame frame = full_frame(0);
   frame.depth_mm.at<float>(3, 4) = std::nanf("");
-  const std::string text = error_of([&] { writer.write(frame); });
+  const std::string text = thrown_by([&] { writer.write(frame); });
   EXPECT_NE(text.find("(4, 3)"), std::string::npos) << text;
   EXPECT_FALSE(fs::exists(folder / "set/train/000001/depth/000000.png"));
 }
 
 TEST(RecordingBadInput, WhatIsNoSet) {
   ScratchFolder folder;
-  EXPECT_NE(error_of([&] { RecordingSet::open(folder / "nothing"); }).find("not a directory"), std::string::npos);
-  EXPECT_NE(error_of([&] { RecordingSet::open(folder.path()); }).find("no recording set"), std::string::npos);
+  EXPECT_NE(thrown_by([&] { RecordingSet::open(folder / "nothing"); }).find("not a directory"), std::string::npos);
+  EXPECT_NE(thrown_by([&] { RecordingSet::open(folder.path()); }).find("no recording set"), std::string::npos);
   write_set(folder / "set", 1);
   fs::remove_all(folder / "set/train");
-  EXPECT_NE(error_of([&] { RecordingSet::open(folder / "set"); }).find("train/000001"), std::string::npos);
+  EXPECT_NE(thrown_by([&] { RecordingSet::open(folder / "set"); }).find("train/000001"), std::string::npos);
 }
 
 // A file-size limit stands in for a full disk: write(2) fails in the same way, with another errno.
@@ -280,7 +280,7 @@ TEST(RecordingBadInput, FullDiskLeavesNothingHalfWritten) {
   rlimit tight = before;
   tight.rlim_cur = 400;  // smaller than any image of the frame
   setrlimit(RLIMIT_FSIZE, &tight);
-  const std::string text = error_of([&] { writer.write(full_frame(1)); });
+  const std::string text = thrown_by([&] { writer.write(full_frame(1)); });
   setrlimit(RLIMIT_FSIZE, &before);
   EXPECT_NE(text.find("cannot write"), std::string::npos);
   for (const auto& file : fs::recursive_directory_iterator(folder / "set")) {

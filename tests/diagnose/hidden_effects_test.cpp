@@ -18,8 +18,6 @@
 namespace binrig {
 namespace {
 
-using hidden::Case;
-
 /// One scene and one set of signatures for all tests here, kept from process to process: each test is one of its own.
 struct World {
   bench::SmallCampaign campaign{true};
@@ -31,7 +29,7 @@ World& world() {
   return world;
 }
 
-Diagnosis answer(const Case& c, int most_effects = 2) {
+Diagnosis answer(const hidden::Case& c, int most_effects = 2) {
   DiagnosisOptions options;
   options.simulations = 20;
   options.most_effects = most_effects;
@@ -60,7 +58,7 @@ TEST(HiddenData, AgreeWithTheCatalogueInEverySegment) {
 }
 
 TEST(HiddenData, WhatLeavesNoTraceCountsForNoRate) {
-  const Case c{"one", {"no_return"}, Strength::strong, 3};
+  const hidden::Case c{"one", {"no_return"}, Strength::strong, 3};
   auto truth = hidden::make_truth(world().forward(), c);
   const auto traces_from = [&](double threshold) {
     truth.hidden[0].values["threshold"] = threshold;
@@ -89,7 +87,7 @@ class HiddenEffect : public ::testing::TestWithParam<const char*> {};
 
 TEST_P(HiddenEffect, IsNamedFirst) {
   const std::string effect = GetParam();
-  const Case c{"one", {effect}, Strength::strong, 1};
+  const hidden::Case c{"one", {effect}, Strength::strong, 1};
   const Diagnosis diagnosis = answer(c, 1);  // whether anything is left is asked below and in the benchmark
   ASSERT_FALSE(diagnosis.candidates.empty()) << diagnosis.headline;
   EXPECT_EQ(diagnosis.candidates[0].effect, effect) << diagnosis.headline;
@@ -120,7 +118,7 @@ INSTANTIATE_TEST_SUITE_P(OfTheCatalogue, HiddenEffect,
 
 TEST(HiddenEffects, ARingInTheSpectrumIsToldFromTheModelsOwnNoise) {
   // Stronger than the noise that it is in: either could play the other's part.
-  const Case c{"one", {"noise_bumps"}, Strength::strong, 72};
+  const hidden::Case c{"one", {"noise_bumps"}, Strength::strong, 72};
   const Diagnosis diagnosis = answer(c);
   EXPECT_EQ(names(diagnosis), std::vector<std::string>{"noise_bumps"});
   EXPECT_EQ(diagnosis.verdict, Verdict::missing_effect) << diagnosis.headline;

@@ -83,9 +83,9 @@ TEST_F(Report, OnePageHoldsEverythingAndNeedsNoNetwork) {
   Table table;
   table.columns = {"aspect", "measured", "simulated", "p-value", "outcome"};
   table.caption = "What agrees and what does not.";
-  table.rows = {{"noise (mm)", 0.213, 0.187, p_text(1e-20), Cell("differs", Mark::bad)},
-                {"correlation length (px)", 3.1, 3.0, p_text(0.4), Cell("agrees", Mark::good)},
-                {"temporal noise", "-", "-", "-", Cell("not asked", Mark::open)}};
+  table.rows = {{"noise (mm)", 0.213, 0.187, p_text(1e-20), TableCell("differs", Mark::bad)},
+                {"correlation length (px)", 3.1, 3.0, p_text(0.4), TableCell("agrees", Mark::good)},
+                {"temporal noise", "-", "-", "-", TableCell("not asked", Mark::open)}};
   page.table(table);
   page.note("A remark.");
   page.section("Pictures");

@@ -70,7 +70,7 @@ TEST(Stacking, PilesComeToRestInsideTheBinWithoutPenetration) {
   for (const Body& body : {box_body(), cylinder_body()}) {
     for (std::uint64_t seed = 0; seed < 3; ++seed) {
       Stacking stacking({body}, BinBox{}, {}, RandomStream(seed));
-      const SettleReport report = stacking.drop(std::vector<int>(9, 0), Layout{});
+      const SettleReport report = stacking.drop(std::vector<int>(9, 0), DropLayout{});
       EXPECT_TRUE(report.steady) << body.name << " seed " << seed;
       EXPECT_EQ(report.left_bin, 0);
       EXPECT_EQ(stacking.parts().size(), 9u);
@@ -102,7 +102,7 @@ TEST(Stacking, EveryPartLiesAsARealOneWould) {
   for (const std::string& name : part_names()) {
     all.push_back(part_body(name));
     Stacking stacking({all.back()}, BinBox{}, {}, RandomStream(11));
-    const SettleReport report = stacking.drop(std::vector<int>(12, 0), Layout{});
+    const SettleReport report = stacking.drop(std::vector<int>(12, 0), DropLayout{});
     const PileQuality quality = pile_quality(stacking);
     EXPECT_TRUE(report.steady) << name;
     EXPECT_EQ(report.left_bin, 0) << name;
@@ -112,7 +112,7 @@ TEST(Stacking, EveryPartLiesAsARealOneWould) {
     EXPECT_EQ(quality.interlocked, 0) << name;
   }
   Stacking mixed(all, BinBox{}, {}, RandomStream(12));
-  EXPECT_TRUE(mixed.drop({0, 1, 2, 3, 4, 5, 0, 1, 2, 3, 4, 5}, Layout{}).steady);
+  EXPECT_TRUE(mixed.drop({0, 1, 2, 3, 4, 5, 0, 1, 2, 3, 4, 5}, DropLayout{}).steady);
   EXPECT_LE(pile_quality(mixed).most_penetration_mm, 0.2);
   EXPECT_LE(pile_quality(mixed).most_hover_mm, 0.5);
 }
@@ -140,7 +140,7 @@ TEST(PileQuality, SeesWhatIsWrongWithAPile) {
 
 TEST(Stacking, ABoxLiesFlatOnTheFloor) {
   Stacking stacking({box_body()}, BinBox{}, {}, RandomStream(7));
-  ASSERT_TRUE(stacking.drop({0}, Layout{}).steady);
+  ASSERT_TRUE(stacking.drop({0}, DropLayout{}).steady);
   // One of the axes of the box is vertical and its half side is the height of the centre; 0.1 mm covers the margin of
   // 0.05 mm twice, and the tilt belongs to that over 20 mm, the shortest side.
   const Pose& X = stacking.parts().front().X_BO;
@@ -155,7 +155,7 @@ TEST(Stacking, SameSeedSamePosesBitForBit) {
   const std::vector<int> kinds{0, 1, 0, 1, 0, 1, 0, 1};
   const auto run = [&](std::uint64_t seed) {
     Stacking stacking(bodies, BinBox{}, {}, RandomStream(seed));
-    stacking.drop(kinds, Layout{});
+    stacking.drop(kinds, DropLayout{});
     stacking.remove(3);
     stacking.settle();
     stacking.shake(0.5);
@@ -169,7 +169,7 @@ TEST(Stacking, SameSeedSamePosesBitForBit) {
 TEST(Stacking, FrozenBetweenCallsAndSteadyByTheRule) {
   StackingSettings settings;
   Stacking stacking({cylinder_body()}, BinBox{}, settings, RandomStream(3));
-  ASSERT_TRUE(stacking.drop(std::vector<int>(12, 0), Layout{}).steady);
+  ASSERT_TRUE(stacking.drop(std::vector<int>(12, 0), DropLayout{}).steady);
   const auto before = stacking.parts();
   EXPECT_TRUE(same_bytes(before, stacking.parts()));
   // Steady at 5 mm/s and 0.5 rad/s: within the next settle of 0.5 s nothing may fall, only creep at such speeds.
@@ -185,7 +185,7 @@ TEST(Stacking, TheTimeLimitIsReported) {
   StackingSettings settings;
   settings.steady.time_limit_s = 0.2;  // less than five checks take
   Stacking stacking({box_body()}, BinBox{}, settings, RandomStream(1));
-  Layout still;
+  DropLayout still;
   still.jolt_gravities = 0;  // the limit counts from where the bin is quiet
   const SettleReport report = stacking.drop({0, 0, 0}, still);
   EXPECT_FALSE(report.steady);
@@ -196,7 +196,7 @@ TEST(Stacking, TakingThePartBelowWakesTheOneAbove) {
   // Two boxes dropped flat, one on the other, in a bin that is hardly wider than they are.
   BinBox narrow;
   narrow.inner_size_mm = Vector3(60, 40, 120);
-  Layout flat;
+  DropLayout flat;
   flat.columns = flat.rows = 1;
   flat.random_orientation = false;
   flat.jolt_gravities = 0;
@@ -219,7 +219,7 @@ TEST(Stacking, CountAndWeightAreConserved) {
   tray.inner_size_mm = Vector3(120, 120, 0);
   Stacking stacking({cylinder_body(), box_body()}, tray, {}, RandomStream(2));
   int left = 0;
-  left += stacking.drop({0, 0, 0, 0, 1, 1, 0, 0, 0, 0}, Layout{}).left_bin;
+  left += stacking.drop({0, 0, 0, 0, 1, 1, 0, 0, 0, 0}, DropLayout{}).left_bin;
   left += stacking.shake(1).left_bin;
   EXPECT_GT(left, 0);
   EXPECT_EQ(stacking.left_bin(), left);
@@ -231,7 +231,7 @@ TEST(Stacking, CountAndWeightAreConserved) {
 
 TEST(Stacking, TiltMovesThePileByItsWeight) {
   Stacking stacking({hull_body("cylinder", *cylinder_mesh(10, 50, 48, Surface{}))}, BinBox{}, {}, RandomStream(4));
-  stacking.drop(std::vector<int>(6, 0), Layout{});
+  stacking.drop(std::vector<int>(6, 0), DropLayout{});
   const auto mean_y = [&] {
     double sum = 0;
     for (const PlacedPart& part : stacking.parts()) sum += part.X_BO.translation().y();
@@ -259,8 +259,8 @@ TEST(Stacking, RefusesWhatCannotWorkAndSaysEverything) {
 
   EXPECT_THAT(refusal([] { Stacking stacking({}, BinBox{}, {}, RandomStream(1)); }), HasSubstr("nothing to stack"));
   Stacking stacking({box_body()}, BinBox{}, {}, RandomStream(1));
-  EXPECT_THAT(refusal([&] { stacking.drop({}, Layout{}); }), HasSubstr("nothing to drop"));
-  Layout wide;
+  EXPECT_THAT(refusal([&] { stacking.drop({}, DropLayout{}); }), HasSubstr("nothing to drop"));
+  DropLayout wide;
   wide.columns = 9;
   EXPECT_THAT(refusal([&] { stacking.drop({0}, wide); }), HasSubstr("wider than the bin"));
   EXPECT_THAT(refusal([&] { stacking.shake(2); }), HasSubstr("0 .. 1"));
