@@ -289,7 +289,8 @@ class Step {
   /// in which that matters count no more, for no parameter, or the others would do what that one should. Over what
   /// distance it may matter, those blocks alone may say that are right over it: one that is wrong promises too small a
   /// one, over which it seems right. But where the parameter is hardly known without them (a blur of less than a pixel
-  /// bends wherever it shows), or another effect loses most of what it is known by, all stay. `error`: by parameter and block, squared.
+  /// bends wherever it shows), or another effect loses most of what it is known by, all stay. `error`: by parameter and
+  /// block, squared.
   void leave_out_wrong(const Pull& pull, const SeedSlopes& each, const MatrixXd& error) {
     for (int p = 0; p < static_cast<int>(each.size()); ++p) {
       // A mask's slopes are ramps over stairs: they differ from side to side wherever they are taken.

@@ -34,11 +34,6 @@ double kurtosis_of(const std::vector<double>& map) {
   return square > 0 ? fourth * static_cast<double>(map.size()) / (square * square) : 3;
 }
 
-/// Cosine k of those that vary along one direction alone.
-std::pair<int, int> varying(UnitMap::Direction direction, int k) {
-  return direction == UnitMap::rows ? std::pair(0, k) : std::pair(k, 0);
-}
-
 CosineTransform tapered(const std::vector<double>& map, int cols, UnitMap::Direction direction) {
   return transform(taper(map, cols, direction == UnitMap::rows), cols);
 }
@@ -107,7 +102,7 @@ double band_excess(const CosineTransform& transformed, UnitMap::Direction direct
   const int rows = static_cast<int>(transformed.rows()), cols = static_cast<int>(transformed.cols());
   double sum = 0, count = 0;
   for (int k = 1; k < (direction == UnitMap::rows ? cols : rows); ++k) {
-    const auto [row, col] = varying(direction, k);
+    const int row = direction == UnitMap::rows ? 0 : k, col = direction == UnitMap::rows ? k : 0;
     const int ring = ring_of(row, col, rows, cols);
     if (ring < 1 || std::isinf(expected[ring])) continue;  // where poses and lens take their part
     sum += transformed(row, col) * transformed(row, col) / std::max(expected[ring], 1e-12);

@@ -82,7 +82,7 @@ class UnitMap {
   /// Is the map estimated from a residual (all captures) like those of simulated units, by the distribution of its
   /// values and by its spectrum, whatever its strength? A step or a wave is no random map, a spot is no scatter of dead
   /// pixels, rings or a spiral have a scale of their own, and bands (has_bands, too) stand out among the cosines of the
-  /// tapered map that are constant along rows or columns, by more than 8 standard deviations of their squares' sum.
+  /// tapered map that vary along rows or columns alone, by more than 8 standard deviations of their squares' sum.
   bool looks_random(const Whitened& rest) const;
   /// Do bands stand out in it, tapered, among the other cosines of their rings, so that it is no random map whatever
   /// the texture? Not asked of rings with fewer than eight others.

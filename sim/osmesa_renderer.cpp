@@ -400,8 +400,9 @@ class Rasterising final : public Visibility {
         if (z > 0) sum += (Vector3(ray[0] * z, ray[1] * z, z) - light).normalized();
       }
     }
-    if (sum.norm() == 0 || sum.normalized().z() > 0.9) return Eigen::Matrix3d::Identity();
     const Vector3 z = sum.normalized();
+    if (sum.norm() == 0 || z.z() > 0.9) return Eigen::Matrix3d::Identity();
+    // Quaterniond::FromTwoVectors brings a singular value decomposition that takes the compiler 17 s.
     const Vector3 about = z.z() > -1 + 1e-9 ? Vector3(z.y(), -z.x(), 0).normalized() : Vector3(1, 0, 0);
     return Eigen::AngleAxisd(std::acos(z.z()), about).toRotationMatrix();
   }
