@@ -10,6 +10,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "core/error.h"
+#include "core/ray_table.h"
 #include "core/random.h"
 
 namespace binrig {
@@ -223,16 +224,11 @@ Error too_few(std::size_t pixels, int wanted) {
 
 }  // namespace
 
-PixelRays::PixelRays(const Camera& the_camera)
-    : camera(the_camera),
-      x(the_camera.height, the_camera.width, CV_64F),
-      y(the_camera.height, the_camera.width, CV_64F) {
-  for (int row = 0; row < camera.height; ++row)
-    for (int col = 0; col < camera.width; ++col) {
-      const Vector3 ray = camera.ray(col, row);
-      x.at<double>(row, col) = ray.x();
-      y.at<double>(row, col) = ray.y();
-    }
+PixelRays::PixelRays(const Camera& the_camera) : camera(the_camera) {
+  cv::Mat apart[2];
+  cv::split(exact_ray_table(camera), apart);
+  x = apart[0];
+  y = apart[1];
 }
 
 cv::Mat PlaneFit::perfect_depth(const PixelRays& rays) const {

@@ -18,7 +18,7 @@
 
 namespace binrig {
 
-/// x/z and y/z of every pixel's viewing ray, lens distortion removed. CV_64F, height x width. Made once per camera.
+/// x/z and y/z of every pixel's viewing ray, lens distortion removed. CV_64F, height x width. Cheap to make again for the cameras used last.
 struct PixelRays {
   explicit PixelRays(const Camera& camera);
   Camera camera;

@@ -9,7 +9,7 @@
 namespace binrig {
 
 namespace {
-constexpr std::size_t cached_tables = 12;  // 1280 x 960: 10 MB each
+constexpr std::size_t cached_tables = 12, cached_exact_tables = 4;  // 1280 x 960: 10 and 20 MB each
 
 struct CameraHash {
   std::size_t operator()(const Camera& c) const {
@@ -18,23 +18,20 @@ struct CameraHash {
   }
 };
 
+template <typename T>
 cv::Mat make_table(const Camera& camera) {
-  cv::Mat table(camera.height, camera.width, CV_32FC2);
+  cv::Mat_<cv::Vec<T, 2>> table(camera.height, camera.width);
   if (!camera.distorted()) {
     for (int row = 0; row < camera.height; ++row) {
-      auto* out = table.ptr<cv::Vec2f>(row);
-      const auto y = static_cast<float>((row - camera.cy) / camera.fy);
-      for (int col = 0; col < camera.width; ++col) {
-        out[col] = {static_cast<float>((col - camera.cx) / camera.fx), y};
-      }
+      const auto y = static_cast<T>((row - camera.cy) / camera.fy);
+      for (int col = 0; col < camera.width; ++col) table(row, col) = {static_cast<T>((col - camera.cx) / camera.fx), y};
     }
     return table;
   }
   parallel_for(camera.height, [&](int row) {
-    auto* out = table.ptr<cv::Vec2f>(row);
     for (int col = 0; col < camera.width; ++col) {
       const Eigen::Vector3d ray = camera.ray(col, row);
-      out[col] = {static_cast<float>(ray.x()), static_cast<float>(ray.y())};
+      table(row, col) = {static_cast<T>(ray.x()), static_cast<T>(ray.y())};
     }
   });
   return table;
@@ -43,7 +40,12 @@ cv::Mat make_table(const Camera& camera) {
 
 cv::Mat ray_table(const Camera& camera) {
   static RecentlyMade<Camera, cv::Mat, CameraHash> tables(cached_tables);
-  return tables.get(camera, [&] { return make_table(camera); });
+  return tables.get(camera, [&] { return make_table<float>(camera); });
+}
+
+cv::Mat exact_ray_table(const Camera& camera) {
+  static RecentlyMade<Camera, cv::Mat, CameraHash> tables(cached_exact_tables);
+  return tables.get(camera, [&] { return make_table<double>(camera); });
 }
 
 }  // namespace binrig

@@ -11,4 +11,7 @@ namespace binrig {
 /// shared: do not write to it. Thread-safe.
 cv::Mat ray_table(const Camera& camera);
 
+/// The same in double precision, CV_64FC2: for fits. Cached and shared as well.
+cv::Mat exact_ray_table(const Camera& camera);
+
 }  // namespace binrig

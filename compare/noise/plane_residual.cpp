@@ -7,14 +7,17 @@
 #include <opencv2/imgproc.hpp>
 
 #include "core/error.h"
+#include "core/ray_table.h"
 
 namespace binrig {
 
 cv::Mat plane_depth(const Camera& camera, const PlaneTarget& target) {
   cv::Mat depth(camera.height, camera.width, CV_32F, cv::Scalar(0));
+  const cv::Mat rays = exact_ray_table(camera);
   for (int v = 0; v < camera.height; ++v) {
     for (int u = 0; u < camera.width; ++u) {
-      const double along = target.normal.dot(camera.ray(u, v));
+      const auto& ray = rays.at<cv::Vec2d>(v, u);
+      const double along = target.normal.x() * ray[0] + target.normal.y() * ray[1] + target.normal.z();
       const double z = std::abs(along) > 1e-9 ? target.offset_mm / along : 0;
       if (z > 0 && z < 1e6) depth.at<float>(v, u) = static_cast<float>(z);
     }
