@@ -25,6 +25,7 @@ constexpr int seeds = 3;              // of derivatives
 constexpr double far_enough = 4;      // of FitParameter::step, for narrow parameters: beyond what rounding does
 constexpr double least_signal = 0.3;  // share of a derivative's square that must be more than its own noise
 constexpr double most_wrong = 0.5;    // of a block's y over a standard deviation of a parameter, by its slope
+constexpr double smooth_bend = 0.5;   // of a slope to both sides, that to one may differ by: it is a curve's, still
 constexpr double most_of_it = 0.5;  // of what is known of a parameter alone, which blocks that are left out do not hold
 
 class Step {
@@ -174,9 +175,31 @@ class Step {
     return (of_sum - own) / (n * (n - 1));
   }
 
-  /// Derivatives of y by the parameters, one a seed, in captures cut short, and what follows from them.
+  /// Derivatives of y by the parameters, and what follows from them.
   void differentiate(const Pull& pull) {
     const int n = static_cast<int>(priors_.size());
+    changes_.resize(n);
+    kept_.resize(n);
+    pooled_.resize(n);
+    each_.resize(n);
+    reach_.resize(n);
+    error_ = MatrixXd::Zero(n, static_cast<int>(layout_.blocks.size()));
+    smooth_.resize(n, error_.cols());
+    std::vector<int> asked;
+    for (int p = 0; p < n; ++p) {
+      const FitParameter& parameter = priors_[p];
+      reach_[p] = parameter.narrow ? far_enough * parameter.step : parameter.step;
+      if (!silent(rung_.fit.slopes[p])) asked.push_back(p);
+    }
+    for (int k = 0; k < seeds; ++k) here_.push_back(trial(rung_.model, k));
+    take_derivatives(asked);
+    counts_.assign(layout_.blocks.size(), true);
+    weigh(pull);
+    leave_out_wrong(pull);
+  }
+
+  /// Derivatives by some parameters over their reach, one a seed, in captures cut short; and how wrong they are.
+  void take_derivatives(const std::vector<int>& asked) {
     std::vector<Trial> trials;
     const auto add = [&](const FitParameter& parameter, double value) {
       SensorModel moved = rung_.model;
@@ -184,25 +207,16 @@ class Step {
       for (int k = 0; k < seeds; ++k) trials.push_back(trial(moved, k));
       return parameter.circular ? value : parameter.scaled(parameter.natural(value));
     };
-    std::vector<int> asked;
     std::vector<std::array<float, 2>> taken;  // ahead, and behind
-    for (int p = 0; p < n; ++p) {
-      const FitParameter& parameter = priors_[p];
-      if (silent(rung_.fit.slopes[p])) continue;
+    for (const int p : asked) {
       // To both sides: parameters that make up for each other to first order would seem to differ by the second.
-      const double reach = parameter.narrow ? far_enough * parameter.step : parameter.step;
-      const double ahead = add(parameter, result_.value[p] + reach), behind = add(parameter, result_.value[p] - reach);
-      asked.push_back(p);
+      const double ahead = add(priors_[p], result_.value[p] + reach_[p]),
+                   behind = add(priors_[p], result_.value[p] - reach_[p]);
       taken.push_back({static_cast<float>(ahead - result_.value[p]), static_cast<float>(result_.value[p] - behind)});
     }
-    for (int k = 0; k < seeds; ++k) trials.push_back(trial(rung_.model, k));
+    trials.insert(trials.end(), here_.begin(), here_.end());
     const auto simulated = experiment_.simulate(trials, "taking derivatives");
     const auto here = simulated.end() - seeds;
-    changes_.resize(n);
-    kept_.resize(n);
-    pooled_.resize(n);
-    SeedSlopes each(n);
-    MatrixXd error = MatrixXd::Zero(n, static_cast<int>(layout_.blocks.size()));  // of slopes, squared
     parallel_for(static_cast<int>(asked.size()), [&](int m) {
       const int p = asked[m];
       const auto ahead = simulated.begin() + 2 * m * seeds, behind = ahead + seeds;
@@ -221,37 +235,39 @@ class Step {
       for (const StatVector& change : changes)
         for (int i = 0; i < layout_.size; ++i) changes_[p][i] += change[i] / seeds;
       std::vector<Whitened> sides;
-      for (const StatVector& change : changes) each[p].push_back(rung_.standard.difference(change));
+      each_[p].clear();
+      for (const StatVector& change : changes) each_[p].push_back(rung_.standard.difference(change));
       for (const StatVector& bent : bends) sides.push_back(rung_.standard.difference(bent));
-      pooled_[p] = pool_noisy(layout_, rung_.standard.spread(), least_signal, each[p]);
+      pooled_[p] = pool_noisy(layout_, rung_.standard.spread(), least_signal, each_[p]);
       // Segments in which a derivative is mostly noise are left out.
-      for (const double signal : mean_over_seeds(layout_, each[p]).signal) kept_[p].push_back(signal > least_signal);
+      kept_[p].clear();
+      for (const double signal : mean_over_seeds(layout_, each_[p]).signal) kept_[p].push_back(signal > least_signal);
       for (Whitened& one : sides) {
         pool(layout_, rung_.standard.spread(), pooled_[p], one);
         one = result_.metric.apply(one);
       }
+      error_.row(p).setZero();
+      smooth_.row(p).setConstant(false);
       for (std::size_t k = 0; k < layout_.blocks.size(); ++k) {
         if (!kept_[p][layout_.blocks[k].segment]) continue;
         // Where the slope to one side is larger than that to both by a share x, that to both is wrong by about a share
         // x^2 on a smooth curve; where x is 1, it is no slope. All of these are squares.
-        const double b = common_square(layout_.blocks[k], sides), s = common_square(layout_.blocks[k], each[p]);
-        if (b > 0) error(p, static_cast<int>(k)) = s > b ? b * b / s : b;
+        const double b = common_square(layout_.blocks[k], sides), s = common_square(layout_.blocks[k], each_[p]);
+        if (b > 0) error_(p, static_cast<int>(k)) = s > b ? b * b / s : b;
+        smooth_(p, static_cast<int>(k)) = b < smooth_bend * smooth_bend * s;
       }
     });
-    counts_.assign(layout_.blocks.size(), true);
-    weigh(pull, each);
-    leave_out_wrong(pull, each, error);
   }
 
   /// Information and jacobian from derivatives by parameter and seed, of the blocks that count.
-  void weigh(const Pull& pull, const SeedSlopes& each) {
-    const int n = static_cast<int>(each.size());
+  void weigh(const Pull& pull) {
+    const int n = static_cast<int>(each_.size());
     result_.jacobian.assign(n, Whitened(layout_.size, 0.f));
     freed_ = result_.jacobian;
     SeedSlopes freed(n), curved(n);
     parallel_for(n, [&](int p) {
-      if (each[p].empty()) return;
-      auto counted = each[p];
+      if (each_[p].empty()) return;
+      auto counted = each_[p];
       for (std::size_t k = 0; k < layout_.blocks.size(); ++k)
         if (const Block& block = layout_.blocks[k]; !keeps(p, k))
           for (Whitened& d : counted) std::fill_n(d.begin() + block.offset, block.size, 0.f);
@@ -288,25 +304,27 @@ class Step {
   /// left passes for knowing one from the other (lines of a histogram smeared by a drift come and go with it). Blocks
   /// in which that matters count no more, for no parameter, or the others would do what that one should. Over what
   /// distance it may matter, those blocks alone may say that are right over it: one that is wrong promises too small a
-  /// one, over which it seems right. But where the parameter is hardly known without them (a blur of less than a pixel
-  /// bends wherever it shows), or another effect loses most of what it is known by, all stay. `error`: by parameter and
-  /// block, squared.
-  void leave_out_wrong(const Pull& pull, const SeedSlopes& each, const MatrixXd& error) {
-    for (int p = 0; p < static_cast<int>(each.size()); ++p) {
+  /// one, over which it seems right. Where that distance is shorter than the derivatives' reach, these are taken over
+  /// it once more: a spectrum that bends over a quarter of a pixel is straight over what all else leaves open. Lines that
+  /// come and go are not, however short a piece of them is looked at. But where the parameter is hardly known without
+  /// them (a blur of less than a pixel bends wherever it shows), or another effect loses most of what it is known by,
+  /// all stay.
+  void leave_out_wrong(const Pull& pull) {
+    for (int p = 0; p < static_cast<int>(each_.size()); ++p) {
       // A mask's slopes are ramps over stairs: they differ from side to side wherever they are taken.
       if (rung_.model.find(priors_[p].id)->declaration(experiment_.forward().catalogue()).reason) continue;
       if (hardly_known(p, promised(p))) continue;
       const auto before = counts_;
       const VectorXd known = result_.information.diagonal();
-      double deviation = straight * prior_deviation(priors_[p]);
-      for (double last = 2 * deviation; deviation < last; deviation = std::min(deviation, promised(p))) {
-        last = deviation;
-        auto right = before;
-        for (int k = 0; k < error.cols(); ++k)
-          if (error(p, k) * deviation * deviation > most_wrong * most_wrong) right[k] = false;
-        if (right == counts_) continue;
-        counts_ = right;
-        weigh(pull, each);
+      double deviation = keep_right(pull, p, before, straight * prior_deviation(priors_[p]));
+      if (counts_ != before && deviation < reach_[p]) {
+        auto smooth = before;
+        for (std::size_t k = 0; k < smooth.size(); ++k)
+          if (!counts_[k] && !smooth_(p, static_cast<int>(k))) smooth[k] = false;
+        reach_[p] = 0.5 * deviation;
+        take_derivatives({p});
+        weigh(pull);
+        deviation = keep_right(pull, p, smooth, deviation);
       }
       if (counts_ == before) continue;
       bool lost = hardly_known(p, promised(p));
@@ -318,8 +336,23 @@ class Step {
                    lost ? "but little else is known" : "which are left out");
       if (!lost) continue;
       counts_ = before;
-      weigh(pull, each);
+      weigh(pull);
     }
+  }
+
+  /// Of the blocks `before`, those count in which parameter p's slope is right over `deviation`, or over what they
+  /// promise themselves if that is less. That distance.
+  double keep_right(const Pull& pull, int p, const std::vector<bool>& before, double deviation) {
+    for (double last = 2 * deviation; deviation < last; deviation = std::min(deviation, promised(p))) {
+      last = deviation;
+      auto right = before;
+      for (int k = 0; k < error_.cols(); ++k)
+        if (error_(p, k) * deviation * deviation > most_wrong * most_wrong) right[k] = false;
+      if (right == counts_) continue;
+      counts_ = right;
+      weigh(pull);
+    }
+    return deviation;
   }
 
   /// Solves slope * delta = pull; where a bound stops a parameter short, the others are solved for again with it there.
@@ -361,6 +394,11 @@ class Step {
   const bool series_;
   const std::uint64_t seed_;
   VectorXd precision_;                     // of what is known beforehand
+  SeedSlopes each_;                        // derivatives by parameter and seed
+  std::vector<double> reach_;              // of derivatives to each side
+  MatrixXd error_;                         // of slopes, squared, by parameter and block
+  Eigen::ArrayXX<bool> smooth_;            // by the same: what bends there is a curve
+  std::vector<Trial> here_;                // where derivatives are taken
   std::vector<Whitened> freed_;            // the jacobian, nuisances taken out
   std::vector<StatVector> changes_;        // the jacobian in the statistics' own units, mean over the seeds
   std::vector<std::vector<bool>> kept_;    // by parameter: segments of it that are not mostly noise

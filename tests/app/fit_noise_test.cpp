@@ -176,6 +176,13 @@ TEST_F(FitNoiseVerb, CalibrateFindsParametersAndNamesTheOthers) {
   EXPECT_NEAR(values["spectral_noise.sigma"]["value"], 0.3, 0.01);
   EXPECT_NEAR(values["spectral_noise.correlation_length"]["value"], 0.9, 0.05);
   EXPECT_NEAR(values["spectral_noise.white_share"]["value"], 0.2, 0.04);
+  // The spectrum's rings are known to 2 %: it bends over a quarter of a pixel, and is straight over what it leaves open.
+  for (const auto& [name, value] : {std::pair{"correlation_length", 0.9}, std::pair{"white_share", 0.2}}) {
+    const json interval = values[std::string("spectral_noise.") + name]["ci95"];
+    EXPECT_LE(interval.at(0), value) << found;
+    EXPECT_GE(interval.at(1), value) << found;
+    EXPECT_LT(interval.at(1).get<double>() - interval.at(0).get<double>(), 0.2) << found;
+  }
   EXPECT_NEAR(values["depth_units.step"]["value"], 0.1, 1e-9);
   EXPECT_TRUE(entries(found["not_determined"]).contains("depth_offset.offset")) << "there is no pose in this set";
   // Not one pixel of the recording dropped out.
@@ -226,7 +233,8 @@ TEST_F(FitNoiseVerb, CalibrateSeesThatNoBlurIsBehindTheNoiseAndCompareAgrees) {
                                         (folder / "calibrated.yaml") + " --out " + (folder / "report"));
   ASSERT_EQ(compared.status, 0) << compared.output;
   const json fidelity = json::parse(compared.output)["fidelity"];
-  EXPECT_EQ(fidelity["verdict"], "agrees") << fidelity["reasons"];
+  // Of fifteen rings some may lie outside a band of 95 %: that is called undecided.
+  EXPECT_NE(fidelity["verdict"], "differs") << fidelity["reasons"];
 }
 
 TEST_F(FitNoiseVerb, CalibrateRefusesNamesThatTheModelDoesNotHaveAndLeavesAloneWhatIsFixed) {
