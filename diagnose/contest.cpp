@@ -39,9 +39,15 @@ Chosen Contest::decide(const Rung& rung, const std::vector<const Refined*>& wort
   std::set<std::string> tried{best->effect};
   for (const Refined* other : worthy) {
     if (tried.size() > most_runners_up) break;
-    if (!comes_close(*best, *other, options_) || tried.contains(other->effect)) continue;
+    if (tried.contains(other->effect)) continue;
+    // Beside bent parameters, who gains less by itself may be the right one: asked if what the best one leaves shows that
+    // it is not. And where that was so, gains beside them are no reason to call a third one as good.
+    const bool misled = chosen.best != best && confounded(rung, *chosen.best, *other);
+    const bool may_be_right = misled || comes_close(*best, *other, options_) ||
+                              (chosen.rung.dispersion > leaves_something && is_rival(*best, *other, options_));
+    if (!may_be_right) continue;
     if (rung.dispersion > many_missing && !standing_beside(rung, *best, {other}).empty()) continue;
-    if (tried.size() > 1 && unexplained(experiment_.layout(), chosen.rung).empty()) break;
+    if (tried.size() > 1 && !misled && unexplained(experiment_.layout(), chosen.rung).empty()) continue;
     tried.insert(other->effect);
     meet(chosen, *other, adding_.to(rung, *other, fit), signatures);
   }

@@ -26,8 +26,9 @@ class Contest {
           const SearchOptions& options)
       : experiment_(experiment), adding_(adding), candidates_(candidates), options_(options) {}
 
-  /// Of `worthy` (not empty, best first), beside `rung`. The runner-up is tried, too, if it comes_close: a model's bent
-  /// parameters may have favoured the wrong one. So are more (at most three), as long as something stays unexplained.
+  /// Of `worthy` (not empty, best first), beside `rung`. The runner-up is tried, too, if it comes_close, or is_rival to
+  /// one that leaves something: a model's bent parameters may have favoured the wrong one. So are more (at most three),
+  /// as long as something stays unexplained, or they would be called confounded with one that was no favourite.
   /// Of two, `choose` (diagnose/choice.h) says which. `signatures`: of what the rung's model lacks. Throws what
   /// simulating throws.
   Chosen decide(const Rung& rung, const std::vector<const Refined*>& worthy, const std::vector<Signature>& signatures,

@@ -99,6 +99,10 @@ bool comes_close(const Refined& best, const Refined& other, const SearchOptions&
   return gain_beside(best, other) > close * gain_beside(best, best);
 }
 
+bool is_rival(const Refined& best, const Refined& other, const SearchOptions& options) {
+  return gain_beside(best, other) > options.rival * gain_beside(best, best);
+}
+
 Separation separation(const Rung& rung, const Refined& a, const Refined& b) {
   const auto inner = [&](const Whitened& x, const Whitened& y) {
     return dot(rung.train.apply(x), y) + dot(rung.test.apply(x), y);

@@ -43,7 +43,9 @@ struct SearchOptions {
   double linear_until = 1.3;   ///< where the rung's dispersion is larger than this
   double disappointing = 0.5;  ///< share of the linear gain: a ring that gains less is fitted by what seeds agree on
   int refine = 4;              ///< so many are fitted, and those that
-  double rival = 0.75;         ///< gain at least this share of what the best of the list does,
+  /// gain at least this share of what the best of the list does. Fitted, it makes a rival, which is tried in the best
+  /// one's place if that leaves something,
+  double rival = 0.75;
   double close_behind = 0.9;   ///< share of the best one's gain: what comes so close is tried in its place, too,
   double close_from_given = 0.5;  ///< and with so much what was fitted from the parameters as given
   double overtakes = 0.5;      ///< where much is missing, places are looked for closely with this share of the best's
@@ -106,6 +108,9 @@ bool misplaced(const Rung& rung, const SearchOptions& options);
 /// parameters as given, beside a best one that leans on bent ones: it needs none bent to gain that. Where the best one
 /// could not prove itself on the captures held out, those count for neither: a target may stand wrong without it there.
 bool comes_close(const Refined& best, const Refined& other, const SearchOptions& options);
+
+/// Does it gain at least the share `rival` of what the best one does?
+bool is_rival(const Refined& best, const Refined& other, const SearchOptions& options);
 
 /// How far two refined hypotheses can be told apart on these captures: squared distance of what they move, and the
 /// cosine of the angle between, both with nuisances marginalised.

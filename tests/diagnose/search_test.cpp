@@ -262,6 +262,18 @@ TEST(ComesClose, WhatTheBestOneCouldNotProveHeldOutCountsForNeither) {
   EXPECT_FALSE(comes_close(best, other, options)) << "it lost what the best one proved";
 }
 
+TEST(IsRival, GainsAShareOfTheBestThoughItComesNotClose) {
+  const SearchOptions options;
+  ASSERT_LT(options.rival, options.close_behind);
+  Refined best, other;
+  best.train_gain = 1600, best.test_gain = 900;
+  other.train_gain = 0.5 * (options.rival + options.close_behind) * 1600, other.test_gain = 0.8 * 900;
+  EXPECT_TRUE(is_rival(best, other, options));
+  EXPECT_FALSE(comes_close(best, other, options));
+  other.test_gain = 0.3 * 900;
+  EXPECT_FALSE(is_rival(best, other, options)) << "held out it is far behind";
+}
+
 TEST(SearchResult, OneExplainsItAllWhereTheOthersExplainNextToNothing) {
   const SearchOptions options;
   Refined most, other;
