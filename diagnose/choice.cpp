@@ -59,12 +59,18 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
   // sooner where nothing was unexplained.
   // Where nothing is unexplained any more, it may be twice that: masks do not come back to where they were.
   const bool explains_all = !before.unexplained.empty() && after.unexplained.empty();
-  const bool gets_worse = (excess == 0 && rise >= (explains_all ? 2 : 1) * clearly_lower) ||
-                          (rise >= hardly_worse && before.unexplained.empty()) || (rise > 0 && addition.draws);
+  // Where poses and lens alone are off, whatever blurs the statistics lets them come back.
+  const bool blurs = rise >= hardly_worse && std::ranges::all_of(before.unexplained, [](const auto& left) {
+                       return left.first == "poses" || left.first == "intrinsics";
+                     });
+  const bool gets_worse =
+      (excess == 0 && rise >= (explains_all ? 2 : 1) * clearly_lower) || blurs || (rise > 0 && addition.draws);
   const double fall = addition.unproven ? std::max(hardly_rises, unproven_fall * excess) : least_fall * excess;
   if (!gets_worse && after.heldout <= before.heldout - fall) return true;
-  if (addition.happens_or_not && leaves_less(before.unexplained, after.unexplained)) return true;
-  if (addition.unproven) return false;
+  if (addition.happens_or_not && !blurs && leaves_less(before.unexplained, after.unexplained)) return true;
+  // What had not proved itself beside bent parameters does so where nothing is left with it, and something was before.
+  if (addition.unproven)
+    return explains_all && rise <= -hardly_worse && after.heldout <= std::min(before.heldout, 1.0);
   const bool hardly_rose = after.heldout < before.heldout + std::max(hardly_rises, least_fall * excess);
   const bool had_gone_far = before.statistics < before.heldout;
   const bool explains = had_gone_far && after.statistics - 1 < (1 - most) * (before.statistics - 1);

@@ -142,6 +142,15 @@ TEST(MakesBetter, WhatExplainsAllNeedOnlyLowerTheProperScoreWhereTheHeldOutOneHa
   EXPECT_FALSE(makes_better(before, {1.193, -4.3195, {}, 0.980}, {.unproven = true}));
 }
 
+TEST(MakesBetter, WherePosesAloneAreOffABlurThatLetsThemComeBackIsNone) {
+  const Leftovers poses{{"poses", true}, {"poses", false}}, fewer{{"poses", false}};
+  EXPECT_FALSE(makes_better({1.194, -3.0283, poses, 0.91}, {1.155, -2.9955, poses, 0.90}, {}));
+  EXPECT_TRUE(makes_better({1.194, -3.0283, poses, 0.91}, {1.155, -3.0283, poses, 0.90}, {}));
+  EXPECT_TRUE(makes_better({1.194, -3.0283, {{"bias", true}}, 0.91}, {1.155, -2.9955, poses, 0.90}, {}));
+  EXPECT_FALSE(makes_better({1.194, -3.0283, poses, 0.91}, {1.155, -2.9955, fewer, 0.90}, {.happens_or_not = true}));
+  EXPECT_TRUE(makes_better({1.194, -3.0283, poses, 0.91}, {1.195, -3.0283, fewer, 0.90}, {.happens_or_not = true}));
+}
+
 TEST(MakesBetter, WhatDrawsHasToLowerTheProperScore) {
   const Left before{1.13, -3.012, {{"comb", true}}, 1.13};
   EXPECT_TRUE(makes_better(before, {1.08, -2.988, {{"comb", true}}, 1.08}, {}));
@@ -162,6 +171,14 @@ TEST(MakesBetter, WhatHadNotProvedItselfHasToTakeAQuarter) {
   EXPECT_FALSE(makes_better(before, {1.8, -3.1, {}, 1.8}, {.unproven = true}));
   EXPECT_TRUE(makes_better(before, {1.7, -3.1, {}, 1.7}, {.unproven = true}));
   EXPECT_FALSE(makes_better({1.11, -3.0, {}, 1.11}, {1.07, -3.1, {}, 1.07}, {.unproven = true})) << "by chance";
+}
+
+TEST(MakesBetter, WhatHadNotProvedItselfMayExplainAllThatWasUnexplained) {
+  const Left before{1.01, -4.172, {{"spectrum", true}}, 1.02};
+  EXPECT_TRUE(makes_better(before, {0.94, -4.181, {}, 0.95}, {.unproven = true}));
+  EXPECT_FALSE(makes_better(before, {0.94, -4.181, {{"spectrum", true}}, 0.95}, {.unproven = true}));
+  EXPECT_FALSE(makes_better(before, {0.94, -4.172, {}, 0.95}, {.unproven = true}));
+  EXPECT_FALSE(makes_better(before, {1.005, -4.181, {}, 0.95}, {.unproven = true})) << "not at the floor";
 }
 
 TEST(MakesBetter, AMapOfTheUnitAndWhatHappensOrNotAreJudgedByWhatScoresDoNotSay) {
