@@ -53,17 +53,22 @@ class Seeker {
     return true;
   }
 
-  /// Strengths of what touches few captures or shows other pixels valid, near and far, and what moves nothing when it
-  /// moves a little (a width that lies between two pixels), far: to either side, as long as it helps; true if anything
-  /// did.
+  /// Strengths of what touches few captures or shows other pixels valid, and where depth comes in steps of what moves
+  /// it, near and far, and what moves nothing when it moves a little (a width that lies between two pixels), far: to
+  /// either side, as long as it helps; true if anything did.
   bool probe() {
     bool moved = false;
+    const bool in_steps = std::ranges::any_of(
+        model().effects, [&](const EffectInstance& i) { return is_step(i.declaration(catalogue_)); });
     const auto& parameters = descent_.parameters();
     for (int p = 0; p < static_cast<int>(parameters.size()); ++p) {
       const FitParameter& parameter = parameters[p];
       const EffectDeclaration& declaration = model().find(parameter.id)->declaration(catalogue_);
       const double touched = descent_.touched_share(p);
-      const bool rough = parameter.name == declaration.amplitude && (touched <= 0.5 || declaration.may_clear);
+      // Lines of steps come and go as targets move, and what is left of them hides that all would rather move along.
+      const bool shifts_lines = in_steps && declaration.parameter(parameter.name)->either_sign;
+      const bool rough =
+          parameter.name == declaration.amplitude && (touched <= 0.5 || declaration.may_clear || shifts_lines);
       const bool still = touched == 0 && !parameter.circular;
       if (!rough && !still) continue;
       std::array<bool, 2> barren{};  // what changes nothing far away changes nothing on the way there
