@@ -391,6 +391,26 @@ class Search {
       most_explained =
           std::max(most_explained, rung_.dispersion > options_.linear_until ? explained : std::min(gain, explained));
     }
+    look_for_periods(most_explained);
+  }
+
+  /// Signatures know a few periods only: beside the right one, what explains nearly all gains next to nothing. As long as
+  /// so much is left, others are looked for before another is called the best.
+  void look_for_periods(double most_explained) {
+    if (left_ <= options_.unexplained) return;
+    for (int h = 0; h < count_; ++h) {
+      const Hypothesis& hypothesis = hypotheses_.tested[h];
+      LinearGain& listed = result_.linear[h];
+      if (!has_period(*hypothesis.declaration) ||
+          std::ranges::any_of(result_.refined, [&](const Refined& refined) { return refined.hypothesis == h; }))
+        continue;
+      const double least = std::max({listed.gain, options_.hopeless * most_explained,
+                                     (result_.prices[h] + own_gate_[h]) * rung_.dispersion});
+      const LinearGain close = binrig::look_close_by(refiner_, hypothesis, listed, signatures_, {}, least);
+      if (close.gain <= least) continue;
+      listed.values = close.values;
+      judge(refine(refiner_, hypothesis, listed), h);
+    }
   }
 
   /// Poses, intrinsics or other parameters made up for what is missing, or nobody explains it: what the model leaves

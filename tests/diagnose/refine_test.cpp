@@ -116,6 +116,32 @@ TEST(Search, WhatARecordingsOwnDrawLeavesIsNotHeldAgainstAHypothesis) {
   EXPECT_FALSE(found.accepted(options).empty());
 }
 
+TEST(Search, LooksCloselyForAPeriodThatSignaturesHardlySee) {
+  // Another one explains much more than the wave does at the few periods that are simulated; at its own it explains most.
+  const SensorModel start = noise_alone(0.3);
+  SensorModel truth = model_with("row_banding", {{"amplitude", 0.17}, {"period", 8.43}, {"phase", 0.77}});
+  add_effect(truth, effect_catalogue(), "low_signal_noise", {{"amplitude", 0.39}});
+  const Case c(truth, start);
+  const Rung rung = c.fitted({.simulations = 12, .passes = 1});
+  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), start);
+  std::erase_if(hypotheses.tested,
+                [](const Hypothesis& h) { return h.effect != "row_banding" && h.effect != "low_signal_noise"; });
+  SignatureBook book(c.experiment, start, hypotheses, {});
+  book.look_at({0, 1}, false);
+  const SearchResult found = search(
+      c.experiment, c.motions, rung, c.measured, hypotheses, book.signatures(), {},
+      [&] {
+        return Beginning{start, book.signatures(), book.simulations()};
+      },
+      SearchOptions{});
+  const auto wave = std::ranges::find(found.refined, "row_banding", &Refined::effect);
+  const auto other = std::ranges::find(found.refined, "low_signal_noise", &Refined::effect);
+  ASSERT_TRUE(wave != found.refined.end() && other != found.refined.end());
+  EXPECT_LT(wave->linear_gain, 0.15 * other->linear_gain) << "no reason to look closely";
+  EXPECT_GT(wave->train_gain, other->train_gain);
+  EXPECT_NEAR(wave->model.find(wave->id)->value("period"), 8.43, 0.05);
+}
+
 TEST(Search, LooksFromTheGivenParametersWhereBentOnesLeaveHardlyAnything) {
   // Little is left, and something explains that; but where a parameter went far since, it may have made up for more.
   const SensorModel start = noise_alone(0.3);
