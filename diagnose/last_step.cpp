@@ -316,7 +316,7 @@ class Step {
       if (hardly_known(p, promised(p))) continue;
       const auto before = counts_;
       const VectorXd known = result_.information.diagonal();
-      double deviation = keep_right(pull, p, before, straight * prior_deviation(priors_[p]));
+      const double deviation = keep_right(pull, p, before, straight * prior_deviation(priors_[p]));
       if (counts_ != before && deviation < reach_[p]) {
         auto smooth = before;
         for (std::size_t k = 0; k < smooth.size(); ++k)
@@ -324,7 +324,7 @@ class Step {
         reach_[p] = 0.5 * deviation;
         take_derivatives({p});
         weigh(pull);
-        deviation = keep_right(pull, p, smooth, deviation);
+        keep_right(pull, p, smooth, deviation);
       }
       if (counts_ == before) continue;
       bool lost = hardly_known(p, promised(p));
