@@ -18,7 +18,8 @@
 
 namespace binrig {
 
-/// x/z and y/z of every pixel's viewing ray, lens distortion removed. CV_64F, height x width. Cheap to make again for the cameras used last.
+/// x/z and y/z of every pixel's viewing ray, lens distortion removed. CV_64F, height x width. Cheap to make again for
+/// the cameras used last (core/ray_table.h).
 struct PixelRays {
   explicit PixelRays(const Camera& camera);
   Camera camera;

@@ -40,8 +40,8 @@ Chosen Contest::decide(const Rung& rung, const std::vector<const Refined*>& wort
   for (const Refined* other : worthy) {
     if (tried.size() > most_runners_up) break;
     if (tried.contains(other->effect)) continue;
-    // Beside bent parameters, who gains less by itself may be the right one: asked if what the best one leaves shows that
-    // it is not. And where that was so, gains beside them are no reason to call a third one as good.
+    // Beside bent parameters, who gains less by itself may be the right one: asked if what the best one leaves shows
+    // that it is not. And where that was so, gains beside them are no reason to call a third one as good.
     const bool misled = chosen.best != best && confounded(rung, *chosen.best, *other);
     const bool may_be_right = misled || comes_close(*best, *other, options_) ||
                               (chosen.rung.dispersion > leaves_something && is_rival(*best, *other, options_));

@@ -305,10 +305,10 @@ class Step {
   /// in which that matters count no more, for no parameter, or the others would do what that one should. Over what
   /// distance it may matter, those blocks alone may say that are right over it: one that is wrong promises too small a
   /// one, over which it seems right. Where that distance is shorter than the derivatives' reach, these are taken over
-  /// it once more: a spectrum that bends over a quarter of a pixel is straight over what all else leaves open. Lines that
-  /// come and go are not, however short a piece of them is looked at. But where the parameter is hardly known without
-  /// them (a blur of less than a pixel bends wherever it shows), or another effect loses most of what it is known by,
-  /// all stay.
+  /// it once more: a spectrum that bends over a quarter of a pixel is straight over what all else leaves open. Lines
+  /// that come and go are not, however short a piece of them is looked at. But where the parameter is hardly known
+  /// without them (a blur of less than a pixel bends wherever it shows), or another effect loses most of what it is
+  /// known by, all stay.
   void leave_out_wrong(const Pull& pull) {
     for (int p = 0; p < static_cast<int>(each_.size()); ++p) {
       // A mask's slopes are ramps over stairs: they differ from side to side wherever they are taken.

@@ -394,8 +394,8 @@ class Search {
     look_for_periods(most_explained);
   }
 
-  /// Signatures know a few periods only: beside the right one, what explains nearly all gains next to nothing. As long as
-  /// so much is left, others are looked for before another is called the best.
+  /// Signatures know a few periods only: what explains nearly all at another one gains next to nothing by them. As long
+  /// as so much is left, that one is looked for before anything is called the best.
   void look_for_periods(double most_explained) {
     if (left_ <= options_.unexplained) return;
     for (int h = 0; h < count_; ++h) {

@@ -176,7 +176,7 @@ TEST_F(FitNoiseVerb, CalibrateFindsParametersAndNamesTheOthers) {
   EXPECT_NEAR(values["spectral_noise.sigma"]["value"], 0.3, 0.01);
   EXPECT_NEAR(values["spectral_noise.correlation_length"]["value"], 0.9, 0.05);
   EXPECT_NEAR(values["spectral_noise.white_share"]["value"], 0.2, 0.04);
-  // The spectrum's rings are known to 2 %: it bends over a quarter of a pixel, and is straight over what it leaves open.
+  // The spectrum's rings are known to 2 %: it bends over a quarter of a pixel, and is straight over what they leave.
   for (const auto& [name, value] : {std::pair{"correlation_length", 0.9}, std::pair{"white_share", 0.2}}) {
     const json interval = values[std::string("spectral_noise.") + name]["ci95"];
     EXPECT_LE(interval.at(0), value) << found;

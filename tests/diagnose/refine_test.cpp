@@ -117,7 +117,7 @@ TEST(Search, WhatARecordingsOwnDrawLeavesIsNotHeldAgainstAHypothesis) {
 }
 
 TEST(Search, LooksCloselyForAPeriodThatSignaturesHardlySee) {
-  // Another one explains much more than the wave does at the few periods that are simulated; at its own it explains most.
+  // Another one explains much more than the wave does at the few periods that are simulated; at its own, that does.
   const SensorModel start = noise_alone(0.3);
   SensorModel truth = model_with("row_banding", {{"amplitude", 0.17}, {"period", 8.43}, {"phase", 0.77}});
   add_effect(truth, effect_catalogue(), "low_signal_noise", {{"amplitude", 0.39}});
