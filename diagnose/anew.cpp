@@ -13,7 +13,6 @@ namespace binrig {
 namespace {
 
 constexpr double right_step = 0.9;  // of chi without it, that the right one leaves at most
-constexpr double half = 0.5;        // of the least share: a gain before anything is fitted is no more than a sign
 
 /// Where a hypothesis comes nearest before it is fitted.
 struct Start {
@@ -99,7 +98,7 @@ std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<Scen
   // What explains too little is no way to what explains more.
   const auto least = [&](const Start& start) {
     return least_share.empty() ? -std::numeric_limits<double>::infinity()
-                               : half * least_share[start.hypothesis] * without;
+                               : least_share[start.hypothesis] * without;
   };
   for (Start& start : starts) {
     const Hypothesis& hypothesis = hypotheses.tested[start.hypothesis];

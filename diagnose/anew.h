@@ -29,9 +29,8 @@ struct Beginning {
 /// and steps looked at closely, with the targets at nominal), each fitted. A step that leaves more than nine tenths of
 /// what is left without it is none: no slope leads from it to the right one. Those that draw a map of the unit are
 /// none: their signatures are of another one. None if the nearest is `known`, which the fitted model names, too (-1:
-/// nothing it names was accepted). `least_share`: of chi, by hypothesis, that one has to explain to be worth anything;
-/// those that before they are fitted explain less than half of that are none, either. Empty = all are worth it. Throws
-/// what simulating throws.
+/// nothing it names was accepted). `least_share`: of chi, by hypothesis; those that before they are fitted explain less
+/// than that are none, either. Empty = all are worth it. Throws what simulating throws.
 std::vector<Anew> look_anew(const Experiment& experiment, const std::vector<SceneMotion>& motions,
                             const Measurement& measured, const Beginning& from, const Hypotheses& hypotheses, int known,
                             int most, std::uint64_t seed, const std::vector<double>& least_share = {});

@@ -1,6 +1,8 @@
 #include "diagnose/climb.h"
 
 #include <algorithm>
+#include <limits>
+#include <map>
 #include <numeric>
 #include <optional>
 #include <set>
@@ -14,6 +16,7 @@
 #include "diagnose/candidates.h"
 #include "diagnose/choice.h"
 #include "diagnose/contest.h"
+#include "diagnose/descent.h"
 #include "diagnose/edge_registration.h"
 #include "diagnose/mask_fit.h"
 #include "diagnose/score.h"
@@ -67,6 +70,7 @@ class Climb {
       climbed_ = nothing;
       book_.reset(), book_as_given_.reset(), looked_closely_.clear(), waiting_.clear(), others_.clear();
       looked_in_vain_ = step_failed_ = false;
+      closely_at_ = std::numeric_limits<double>::infinity(), no_map_at_.clear();
     }
     climb_from(std::move(first));
     return std::move(climbed_);
@@ -173,13 +177,28 @@ class Climb {
 
   /// Adds the best hypothesis and fits everything again; false if there is none, or if it lowers no held-out score.
   bool step_up() {
+    // What was not found beside so much else may be found when half of that is explained, or all that can be.
+    const auto as_much_is_left = [&](double dispersion) {
+      return last().dispersion > far_off && 2 * last().dispersion > dispersion;
+    };
+    std::erase_if(no_map_at_, [&](const auto& entry) { return !as_much_is_left(entry.second); });
+    const bool closely = !as_much_is_left(closely_at_), at_all = closely && no_map_at_.empty();
+    if (step(closely)) return true;
+    no_map_at_.clear();
+    return !at_all && step(true);
+  }
+
+  bool step(bool closely) {
     if (take_waiting()) return true;
     look_closer(last());
     const auto [hypotheses, signatures] = left(*book_);
+    Standing standing{!climbed_.evidence.accepted.empty(), bent(last()), looked_in_vain_, !step_failed_, closely, {}};
+    for (const auto& [effect, dispersion] : no_map_at_) standing.no_maps.insert(effect);
     const SearchResult found = search(
-        experiment_, motions_, last(), measured_, hypotheses, signatures,
-        Standing{!climbed_.evidence.accepted.empty(), bent(last()), looked_in_vain_, !step_failed_},
-        [this] { return beginning(); }, search_options_);
+        experiment_, motions_, last(), measured_, hypotheses, signatures, standing, [this] { return beginning(); },
+        search_options_);
+    for (const std::string& effect : found.no_maps) no_map_at_.try_emplace(effect, last().dispersion);
+    if (found.looked_closely) closely_at_ = last().dispersion;
     if (climbed_.ranking.empty())
       for (std::size_t h = 0; h < hypotheses.tested.size(); ++h)
         climbed_.ranking.push_back({hypotheses.tested[h].effect, found.linear[h].gain / last().dispersion,
@@ -221,7 +240,7 @@ class Climb {
     if (take_best_of(worthy) || take_waiting()) return true;
     if (std::ranges::any_of(found.refined, &Refined::certain)) {  // nothing else was looked for
       step_failed_ = true;
-      return step_up();
+      return step(closely);
     }
     if (!beside_proven) return false;
     say(candidates_.leave_trifles(last(), proven));
@@ -430,6 +449,8 @@ class Climb {
   std::vector<bool> looked_closely_;  // by hypothesis
   bool looked_in_vain_ = false;       // see Standing
   bool step_failed_ = false;          // one that is certain made nothing better
+  double closely_at_ = std::numeric_limits<double>::infinity();  // dispersion, when waves were last looked for closely
+  std::map<std::string, double> no_map_at_;  // the same, by effect, when its map did not look random
   std::vector<Found> waiting_;        // best first
   struct Others {
     Refined added;

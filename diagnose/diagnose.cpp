@@ -10,6 +10,7 @@
 #include <opencv2/core/mat.hpp>
 
 #include "diagnose/climb.h"
+#include "diagnose/descent.h"
 #include "diagnose/intervals.h"
 #include "diagnose/last_step.h"
 #include "diagnose/mask_fit.h"
@@ -129,7 +130,8 @@ class Findings {
     rung.model = step.model;
     rung.fit.value = step.value;
     rung.fit.half_interval = step.half_interval();
-    widen(rung, step);
+    // Where something else is missing, what simulations rule out is no more than what slopes say.
+    if (rung.dispersion <= far_off) widen(rung, step);
   }
 
   /// Intervals of what was added, which slopes alone make too narrow.

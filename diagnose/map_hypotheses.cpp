@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -32,8 +33,13 @@ bool may_be_noise(const Layout& layout, const Rung& rung) {
 }  // namespace
 
 MapHypotheses::MapHypotheses(const Experiment& experiment, const Rung& rung, const Measurement& measured,
-                             const Hypotheses& hypotheses, std::uint64_t seed)
-    : experiment_(experiment), rung_(rung), measured_(measured), hypotheses_(hypotheses), seed_(seed) {}
+                             const Hypotheses& hypotheses, std::set<std::string> no_maps, std::uint64_t seed)
+    : experiment_(experiment),
+      rung_(rung),
+      measured_(measured),
+      hypotheses_(hypotheses),
+      no_maps_(std::move(no_maps)),
+      seed_(seed) {}
 
 bool MapHypotheses::shaped() {
   if (!shaped_) shaped_ = has_simple_shape(experiment_, rung_, measured_.all);
@@ -68,23 +74,25 @@ void MapHypotheses::learn(std::vector<LinearGain>& linear) {
 void MapHypotheses::learn_map(LinearGain& linear, const std::vector<StatVector>& without, double best) {
   const int h = linear.hypothesis;
   const Hypothesis& hypothesis = hypotheses_.tested[h];
-  UnitMap map(experiment_.layout(), rung_, without, simulate_with(hypothesis, linear.values));
+  const auto units = simulate_with(hypothesis, linear.values);
+  UnitMapFit& fit =
+      maps_.insert_or_assign(h, UnitMapFit{linear.values, UnitMap(experiment_.layout(), rung_, without, units), {}})
+          .first->second;
   // A strength is solved for at every gain, so that another one gains no more. What is far behind has its turn when
   // the best one is in the model.
-  const double gain = map.gain(rung_.rest, rung_.rest).train;
+  const double gain = fit.map.gain(rung_.rest, rung_.rest).train;
   if (tracing())
     fmt::print(stderr, "  {} has a map that gains {:.0f}, the best {:.0f}\n", hypothesis.effect, gain, best);
-  if (gain > std::max(worth_a_look, far_behind * best) && !map.has_bands(rung_.rest)) {
-    UnitMapFit fit = fit_unit_map(experiment_, rung_, hypothesis, linear.values, std::move(map), without, seed_);
+  const bool worth_it = gain > std::max(worth_a_look, far_behind * best) && !no_maps_.contains(hypothesis.effect);
+  if (worth_it && !fit.map.has_bands(rung_.rest)) {
+    fit = fit_unit_map(experiment_, rung_, hypothesis, linear.values, std::move(fit.map), without, seed_);
     linear.values = fit.values;
-    deviations_[h] = std::move(fit.deviation);
-    map = std::move(fit.map);
   }
+  const UnitMap& map = fit.map;
   if (map.looks_random(rung_.rest) && (map.gain(rung_.rest, rung_.rest, "bias").train < worth_a_look || !shaped())) {
     gains_[h] = map.gain(rung_.rest, rung_.rest);
     linear.gain += gains_[h].train;
   }
-  maps_.emplace(h, std::move(map));
 }
 
 void MapHypotheses::learn_draws(LinearGain& linear, const std::vector<StatVector>& without) {
@@ -121,9 +129,16 @@ void MapHypotheses::learn_draws(LinearGain& linear, const std::vector<StatVector
 }
 
 void MapHypotheses::add_gains(const Whitened& rest, std::vector<LinearGain>& gains) const {
-  for (const auto& [h, map] : maps_) gains[h].gain += map.gain(rest, rest).train;
+  for (const auto& [h, fit] : maps_) gains[h].gain += fit.map.gain(rest, rest).train;
   for (const auto& [h, map] : drawn_)
     if (const DrawnMap::Gain gain = map.gain(rest, rest); gain.alike) gains[h].gain += gain.train;
+}
+
+std::set<std::string> MapHypotheses::unlike() const {
+  std::set<std::string> result = no_maps_;
+  for (const auto& [h, fit] : maps_)
+    if (fit.information && !gains_.count(h)) result.insert(hypotheses_.tested[h].effect);
+  return result;
 }
 
 UnitMap::Gain MapHypotheses::gain(int h) const { return gains_.count(h) ? gains_.at(h) : UnitMap::Gain{}; }
@@ -134,7 +149,7 @@ RefinedFit MapHypotheses::given_by_map(int h, const std::map<std::string, double
   const Hypothesis& hypothesis = hypotheses_.tested[h];
   EffectInstance& instance = add_effect(result.fit.model, experiment_.forward().catalogue(), hypothesis.effect, values);
   result.id = instance.id;
-  for (const auto& [name, deviation] : deviations_.at(h)) {
+  for (const auto& [name, deviation] : unit_map_deviations(experiment_, rung_, hypothesis, maps_.at(h), seed_)) {
     ParameterValue& value = instance.values[name];
     const ParameterSpec& spec = *hypothesis.declaration->parameter(name);
     const double factor = std::exp(1.96 * deviation);

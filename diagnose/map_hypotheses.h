@@ -4,6 +4,8 @@
 
 #include <map>
 #include <optional>
+#include <set>
+#include <string>
 #include <vector>
 
 #include "diagnose/drawn_map.h"
@@ -12,11 +14,12 @@
 
 namespace binrig {
 
-/// All of the constructor's arguments must outlive it.
+/// The constructor's references must outlive it.
 class MapHypotheses {
  public:
+  /// `no_maps`: effects of which the map is not fitted again.
   MapHypotheses(const Experiment& experiment, const Rung& rung, const Measurement& measured,
-                const Hypotheses& hypotheses, std::uint64_t seed);
+                const Hypotheses& hypotheses, std::set<std::string> no_maps, std::uint64_t seed);
 
   /// Simulates units with each of these hypotheses where the linear view puts it; where there is a map worth a look,
   /// its parameters are written to `linear`. Gains of maps that look random are added to theirs, and so are those of
@@ -30,8 +33,10 @@ class MapHypotheses {
   UnitMap::Gain gain(int h) const;
   /// False: it draws a map, but what is fixed in the image looks like none.
   bool looks_random(int h) const { return !maps_.count(h) || gains_.count(h); }
+  /// Effects of which the map was fitted and does not look random, or not fitted again (`no_maps`).
+  std::set<std::string> unlike() const;
   /// The map says what there is to know of its parameters.
-  bool gives_parameters(int h) const { return deviations_.count(h); }
+  bool gives_parameters(int h) const { return maps_.count(h) && maps_.at(h).information; }
   /// It draws a map in each capture, and what is left looks like such draws: on the scale of a model without them a fit
   /// would walk to none, so that `linear` says where to begin with a model that has them.
   bool begins_with_draws(int h) const { return drawn_.count(h) && gains_.count(h); }
@@ -51,12 +56,12 @@ class MapHypotheses {
   const Rung& rung_;
   const Measurement& measured_;
   const Hypotheses& hypotheses_;
+  const std::set<std::string> no_maps_;
   const std::uint64_t seed_;
-  std::optional<bool> shaped_;                               // the bias has a simple shape
-  std::map<int, UnitMap> maps_;                              // by hypothesis
-  std::map<int, DrawnMap> drawn_;                            // the same
-  std::map<int, UnitMap::Gain> gains_;                       // of those that look random, or like the data's
-  std::map<int, std::map<std::string, double>> deviations_;  // of parameters that their maps gave
+  std::optional<bool> shaped_;          // the bias has a simple shape
+  std::map<int, UnitMapFit> maps_;      // by hypothesis; fitted if they are worth it
+  std::map<int, DrawnMap> drawn_;       // the same
+  std::map<int, UnitMap::Gain> gains_;  // of those that look random, or like the data's
 };
 
 }  // namespace binrig

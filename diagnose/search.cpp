@@ -50,7 +50,7 @@ class Search {
         refiner_{experiment, motions, rung, measured, options.seeds, options.seed, Part::all, frames_for(rung)},
         count_(static_cast<int>(hypotheses.tested.size())),
         ranking_(experiment, rung, hypotheses, signatures),
-        maps_(experiment, rung, measured, hypotheses, options.seed + 80),
+        maps_(experiment, rung, measured, hypotheses, standing.no_maps, options.seed + 80),
         left_(rung.dispersion) {}
 
   SearchResult run() {
@@ -62,11 +62,12 @@ class Search {
     refine_shortlist();
     const bool known = result_.explained_by_one(options_) || result_.happening(options_);
     if (made_up_for() || (!known && astray() && !first_of_many()))
-      look_again(beginning_());
+      look_again(from_given());
     else if (!known && lines_unexplained())
       look_again(steps_of(beginning_()));
     std::sort(result_.refined.begin(), result_.refined.end(),
               [](const Refined& a, const Refined& b) { return a.score() > b.score(); });
+    result_.no_maps = maps_.unlike();
     return std::move(result_);
   }
 
@@ -397,7 +398,8 @@ class Search {
   /// Signatures know a few periods only: what explains nearly all at another one gains next to nothing by them. As long
   /// as so much is left, that one is looked for before anything is called the best.
   void look_for_periods(double most_explained) {
-    if (left_ <= options_.unexplained) return;
+    if (left_ <= options_.unexplained || !standing_.closely || first_of_many()) return;
+    result_.looked_closely = true;
     for (int h = 0; h < count_; ++h) {
       const Hypothesis& hypothesis = hypotheses_.tested[h];
       LinearGain& listed = result_.linear[h];
@@ -438,6 +440,15 @@ class Search {
     return left_ > many_missing && most > options_.far_ahead * second_listed_;
   }
 
+  /// Beside what was added, waves were looked for just now: where that leaves so much, not once more without.
+  Beginning from_given() const {
+    Beginning from = beginning_();
+    if (standing_.added && rung_.dispersion > far_off)
+      std::erase_if(from.signatures,
+                    [&](const Signature& s) { return has_period(*hypotheses_.tested[s.hypothesis].declaration); });
+    return from;
+  }
+
   /// The recorded values come in steps that the model given does not know. Parameters that were bent to make up for
   /// that blur its lines, and no step explains anything any more.
   bool lines_unexplained() const {
@@ -458,8 +469,10 @@ class Search {
     const int known = best == accepted.end() ? -1 : (*best)->hypothesis;
     const double by_chance = rung_.train.explain(rung_.data, rung_.place).chi / rung_.dispersion;
     const double share = options_.least_share * (1 - 1 / rung_.dispersion);  // less than that is not accepted
+    // A gain before anything is fitted is no more than a sign; but where much is left, that is enough to show it all.
+    const double shown = rung_.dispersion > far_off ? 1 : 0.5;
     std::vector<double> least_share;
-    for (const double gate : own_gate_) least_share.push_back(std::max(gate / by_chance, share));
+    for (const double gate : own_gate_) least_share.push_back(shown * std::max(gate / by_chance, share));
     for (Anew& anew : look_anew(experiment_, motions_, measured_, from, hypotheses_, known, options_.anew,
                                 options_.seed + 60, least_share)) {
       // What the rung has learned of all else is worth more than what a fit from far away did, or it went astray.
@@ -476,7 +489,7 @@ class Search {
   const Measurement& measured_;
   const Hypotheses& hypotheses_;
   const std::vector<Signature>& signatures_;
-  const Standing standing_;
+  const Standing& standing_;
   const std::function<Beginning()>& beginning_;
   const SearchOptions& options_;
   const Refiner refiner_;

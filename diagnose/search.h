@@ -2,6 +2,8 @@
 #pragma once
 
 #include <functional>
+#include <set>
+#include <string>
 #include <vector>
 
 #include "diagnose/anew.h"
@@ -17,6 +19,10 @@ struct Standing {
   bool looked_in_vain;
   /// A step of which all values are whole multiples goes first; false where that was tried and made nothing better.
   bool exact_steps_first;
+  /// False where as much is left as when waves were last looked for closely: they are not looked for again, nor is a
+  /// map of the unit that did not look random then (`no_maps`, effects) fitted again.
+  bool closely = true;
+  std::set<std::string> no_maps;
 };
 
 /// Gains are of chi (whitened, dimensionless), those of refined hypotheses with the rung's dispersion divided out.

@@ -2,6 +2,7 @@
 // the data cannot tell apart.
 #pragma once
 
+#include <set>
 #include <string>
 #include <vector>
 
@@ -79,6 +80,8 @@ struct SearchResult {
   double gate = 0;                              ///< gain less price beyond which hypotheses are no children of chance
   std::vector<Refined> refined;                 ///< best first
   bool looked_again = false;                    ///< from the parameters as given
+  bool looked_closely = false;                  ///< for waves between those that signatures know
+  std::set<std::string> no_maps;                ///< effects of which the map, fitted, did not look random
   /// Those that are certain, or significant on train and confirmed on test, best first.
   std::vector<const Refined*> accepted(const SearchOptions& options) const;
   /// What happens or not, if its signatures are beyond doubt and gain more than those of any other: beside it no fit of

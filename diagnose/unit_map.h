@@ -76,6 +76,8 @@ class UnitMap {
   Spectrum spectrum_of_units(int segment, const std::vector<Whitened>& change) const;
   /// `rest`: Explained::rest, all captures; `units`: of spectrum_of_units in the same segment.
   Match match(int segment, const Whitened& rest, const Spectrum& units) const;
+  /// Number of units that it was learned from.
+  double learned_from() const { return units_; }
   /// Number of cosines in each ring.
   std::vector<double> modes(int segment) const;
 
@@ -117,8 +119,16 @@ class UnitMap {
 /// fitted.
 struct UnitMapFit {
   std::map<std::string, double> values;
-  std::map<std::string, double> deviation;  ///< of the logarithms of those that were fitted, standard deviations
-  UnitMap map;                              ///< learned at these values
+  UnitMap map;  ///< learned at these values
+  struct Information {
+    UnitMap map;  ///< learned where the fit began, of which the rings are
+    int segment = 0;
+    std::vector<std::string> names;           ///< of those that were fitted
+    std::vector<std::vector<double>> slopes;  ///< by name and ring: of log(expected power), over the value's logarithm
+    double kurtosis = 3;                      ///< of units at the values found
+    std::vector<double> share;                ///< by ring: of the expected power there, that is the map's
+  };
+  std::optional<Information> information;  ///< none where no segment shows a map
 };
 /// Begins with `values`, at which `start` was learned. The parameters' likelihood is that of the map's spectrum
 /// (Whittle: rings of cosines with exponentially distributed squares, noise's part known) under units simulated at
@@ -128,5 +138,10 @@ struct UnitMapFit {
 UnitMapFit fit_unit_map(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
                         const std::map<std::string, double>& values, UnitMap start,
                         const std::vector<StatVector>& without, std::uint64_t seed);
+/// Standard deviations of the logarithms of the parameters that were fitted; all arguments as they were then. Throws
+/// what simulating throws.
+std::map<std::string, double> unit_map_deviations(const Experiment& experiment, const Rung& rung,
+                                                  const Hypothesis& hypothesis, const UnitMapFit& fit,
+                                                  std::uint64_t seed);
 
 }  // namespace binrig

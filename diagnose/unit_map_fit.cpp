@@ -1,6 +1,7 @@
 // Which strength and which texture a unit's map has (diagnose/unit_map.h).
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 #include <Eigen/Cholesky>
@@ -13,17 +14,45 @@ namespace {
 
 constexpr int places = 5;  // over a typical range
 
+/// Units of a rung's model with a hypothesis.
+class Units {
+ public:
+  Units(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis)
+      : experiment_(experiment), rung_(rung), hypothesis_(hypothesis) {}
+
+  std::vector<StatVector> without(std::uint64_t seed, int frames = 2) const {
+    return simulate(rung_.model, seed, frames);
+  }
+  std::vector<StatVector> with(const std::map<std::string, double>& values, std::uint64_t seed, int frames = 2) const {
+    return simulate(with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis_.effect, values), seed,
+                    frames);
+  }
+  std::vector<Whitened> changes(const std::map<std::string, double>& values, std::uint64_t seed, int frames = 2) const {
+    return UnitMap::changes(rung_, without(seed, frames), with(values, seed, frames));
+  }
+
+ private:
+  std::vector<StatVector> simulate(const SensorModel& model, std::uint64_t seed, int frames) const {
+    return experiment_.simulate(UnitMap::trials_of(rung_, model, seed, frames), "simulating units");
+  }
+
+  const Experiment& experiment_;
+  const Rung& rung_;
+  const Hypothesis& hypothesis_;
+};
+
 class MapFitter {
  public:
   MapFitter(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis,
             const std::map<std::string, double>& values, UnitMap start, const std::vector<StatVector>& without,
             std::uint64_t seed)
-      : experiment_(experiment),
+      : layout_(experiment.layout()),
         rung_(rung),
         hypothesis_(hypothesis),
+        units_(experiment, rung, hypothesis),
         without_(without),
         seed_(seed),
-        fit_{values, {}, std::move(start)} {}
+        fit_{values, std::move(start), {}} {}
 
   UnitMapFit run() {
     const auto segment = fit_.map.strongest(rung_.rest);
@@ -38,33 +67,30 @@ class MapFitter {
         slopes.push_back(seek(spec));
         names.push_back(spec.name);
       }
-    slopes.push_back(solve_for_strength(*amplitude));
+    const Try found = solve_for_strength(*amplitude);
+    slopes.push_back(found.match.slope);
+    for (double& slope : slopes.back()) slope *= exponent_;
     names.push_back(amplitude->name);
-    write_deviations(names, slopes);
-    fit_.map =
-        UnitMap(experiment_.layout(), rung_, simulate(rung_.model, seed_, 0), simulate(with(fit_.values), seed_, 0));
+    UnitMap at_found(layout_, rung_, units_.without(seed_, 0), units_.with(fit_.values, seed_, 0));
+    fit_.information = {std::exchange(fit_.map, std::move(at_found)),
+                        segment_,
+                        std::move(names),
+                        std::move(slopes),
+                        found.units.kurtosis,
+                        found.match.slope};
     return std::move(fit_);
   }
 
  private:
-  SensorModel with(const std::map<std::string, double>& values) const {
-    return with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis_.effect, values);
-  }
-  std::vector<StatVector> simulate(const SensorModel& model, std::uint64_t seed, int frames = 2) const {
-    return experiment_.simulate(UnitMap::trials_of(rung_, model, seed, frames), "simulating units");
-  }
-
   struct Try {
     UnitMap::Spectrum units;
     UnitMap::Match match;
   };
   Try try_at(const std::map<std::string, double>& values) const {
-    return matched(UnitMap::changes(rung_, without_, simulate(with(values), seed_)));
+    return matched(UnitMap::changes(rung_, without_, units_.with(values, seed_)));
   }
   /// With all frames, which the measured statistics are of.
-  Try try_whole(const std::map<std::string, double>& values) const {
-    return matched(UnitMap::changes(rung_, simulate(rung_.model, seed_, 0), simulate(with(values), seed_, 0)));
-  }
+  Try try_whole(const std::map<std::string, double>& values) const { return matched(units_.changes(values, seed_, 0)); }
   Try matched(const std::vector<Whitened>& changes) const {
     Try result;
     result.units = fit_.map.spectrum_of_units(segment_, changes);
@@ -111,25 +137,24 @@ class MapFitter {
   }
 
   /// How the power grows with the strength is found by simulating at another one: where the first one fits at once,
-  /// too, since what is known of the strength depends on it.
-  std::vector<double> solve_for_strength(const ParameterSpec& amplitude) {
+  /// too, since what is known of the strength depends on it. Returns how the last one but for a small step fits.
+  Try solve_for_strength(const ParameterSpec& amplitude) {
     constexpr double close = 0.05;  // of a logarithm: what few units have scatters more
     constexpr int most_rounds = 5;
     constexpr double elsewhere = 1.5;  // times the strength
-    double exponent = 2;               // of what is proportional to it
     double& value = fit_.values[amplitude.name];
     Try tried = try_at(fit_.values);
     bool grew = false;
     const auto grows = [&](double from, const Try& at, double to, const Try& there) {
       const double moved = std::log(to / from);
       if (std::abs(moved) <= close) return;
-      exponent = std::clamp((at.match.log_scale - there.match.log_scale) / moved, 0.5, 4.0);
+      exponent_ = std::clamp((at.match.log_scale - there.match.log_scale) / moved, 0.5, 4.0);
       grew = true;
     };
     for (int round = 0; round < most_rounds && std::abs(tried.match.log_scale) > close; ++round) {
       const double before = value;
       const Try last = std::move(tried);
-      value = std::clamp(before * std::exp(last.match.log_scale / exponent), amplitude.lower, amplitude.upper);
+      value = std::clamp(before * std::exp(last.match.log_scale / exponent_), amplitude.lower, amplitude.upper);
       tried = try_at(fit_.values);
       if (tracing())
         fmt::print(stderr, "  {} {}: at {:.4g} units have {:.3f} of the power, at {:.4g} {:.3f}\n", hypothesis_.effect,
@@ -145,71 +170,47 @@ class MapFitter {
     // Frame by frame a hole is seen again: the fewer the frames, the less a dead pixel stands out.
     tried = try_whole(fit_.values);
     if (std::abs(tried.match.log_scale) > close) {
-      value = std::clamp(value * std::exp(tried.match.log_scale / exponent), amplitude.lower, amplitude.upper);
+      value = std::clamp(value * std::exp(tried.match.log_scale / exponent_), amplitude.lower, amplitude.upper);
       if (tracing()) fmt::print(stderr, "  with all frames {:.4g}\n", value);
     }
-    kurtosis_ = tried.units.kurtosis;
-    share_ = tried.match.slope;
-    for (double& slope : tried.match.slope) slope *= exponent;
-    return tried.match.slope;
+    return tried;
   }
 
-  /// Fisher's information of rings of cosines; the units that are compared with are few, too. The mean square of values
-  /// that are rarely large (a few dead pixels) scatters by their kurtosis, where normal ones have 3. And the cosines of
-  /// a smooth map are not independent: what its border leaks is in all of them. So not less than other units, each
-  /// taken for the measured one, would scatter.
-  void write_deviations(const std::vector<std::string>& names, const std::vector<std::vector<double>>& slopes) {
-    const int n = static_cast<int>(names.size());
-    Eigen::MatrixXd information = 1e-2 * Eigen::MatrixXd::Identity(n, n);
-    for (int a = 0; a < n; ++a)
-      for (int b = 0; b < n; ++b)
-        for (std::size_t r = 0; r < modes_.size(); ++r)
-          information(a, b) += modes_[r] / 2 * slopes[a][r] * slopes[b][r];
-    const Eigen::MatrixXd inverse = information.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
-    const double few_units = 1 + 1.0 / static_cast<double>(without_.size());
-    const Eigen::VectorXd by_units = scatter_over_units(inverse, slopes);
-    for (int a = 0; a < n; ++a) {
-      const double by_information = std::max(1.0, (kurtosis_ - 1) / 2) * inverse(a, a);
-      fit_.deviation[names[a]] = std::sqrt(few_units * std::max({0.0, by_information, by_units[a]}));
-    }
-  }
-
-  /// Mean squares of the first steps (Fisher's scores) from the values found to where other units would have led.
-  Eigen::VectorXd scatter_over_units(const Eigen::MatrixXd& inverse_information,
-                                     const std::vector<std::vector<double>>& slopes) const {
-    constexpr int rounds = 4;
-    std::vector<std::vector<double>> powers;  // by unit
-    std::vector<double> mean(modes_.size(), 0);
-    for (int round = 1; round <= rounds; ++round) {
-      const std::uint64_t seed = seed_ + 100 * static_cast<std::uint64_t>(round);
-      for (const Whitened& change :
-           UnitMap::changes(rung_, simulate(rung_.model, seed), simulate(with(fit_.values), seed)))
-        powers.push_back(fit_.map.spectrum_of_units(segment_, {change}).power);
-    }
-    for (const auto& power : powers)
-      for (std::size_t r = 0; r < mean.size(); ++r) mean[r] += power[r] / static_cast<double>(powers.size());
-    Eigen::VectorXd square = Eigen::VectorXd::Zero(inverse_information.rows());
-    for (const auto& power : powers) {
-      Eigen::VectorXd score = Eigen::VectorXd::Zero(square.size());
-      for (int a = 0; a < score.size(); ++a)
-        for (std::size_t r = 0; r < mean.size(); ++r)
-          if (mean[r] > 0) score[a] += modes_[r] / 2 * slopes[a][r] * share_[r] * (power[r] / mean[r] - 1);
-      square += (inverse_information * score).cwiseAbs2() / static_cast<double>(powers.size());
-    }
-    return square;
-  }
-
-  const Experiment& experiment_;
+  const Layout& layout_;
   const Rung& rung_;
   const Hypothesis& hypothesis_;
+  const Units units_;
   const std::vector<StatVector>& without_;
   const std::uint64_t seed_;
   UnitMapFit fit_;
   int segment_ = 0;
   std::vector<double> modes_;
-  double kurtosis_ = 3;        // of units at the values found
-  std::vector<double> share_;  // of a ring's expected power that is the map's, there
+  double exponent_ = 2;  // of power over strength: what it is of what is proportional to it
 };
+
+/// Mean squares of the first steps (Fisher's scores) from the values found to where other units would have led.
+Eigen::VectorXd scatter_over_units(const Units& units, const Rung& rung, const UnitMapFit& fit,
+                                   const Eigen::MatrixXd& inverse_information, std::uint64_t seed) {
+  constexpr int rounds = 4;
+  const UnitMapFit::Information& known = *fit.information;
+  const std::vector<double> modes = known.map.modes(known.segment);
+  std::vector<std::vector<double>> powers;  // by unit
+  std::vector<double> mean(modes.size(), 0);
+  for (int round = 1; round <= rounds; ++round)
+    for (const Whitened& change : units.changes(fit.values, seed + 100 * static_cast<std::uint64_t>(round)))
+      powers.push_back(known.map.spectrum_of_units(known.segment, {change}).power);
+  for (const auto& power : powers)
+    for (std::size_t r = 0; r < mean.size(); ++r) mean[r] += power[r] / static_cast<double>(powers.size());
+  Eigen::VectorXd square = Eigen::VectorXd::Zero(inverse_information.rows());
+  for (const auto& power : powers) {
+    Eigen::VectorXd score = Eigen::VectorXd::Zero(square.size());
+    for (int a = 0; a < score.size(); ++a)
+      for (std::size_t r = 0; r < mean.size(); ++r)
+        if (mean[r] > 0) score[a] += modes[r] / 2 * known.slopes[a][r] * known.share[r] * (power[r] / mean[r] - 1);
+    square += (inverse_information * score).cwiseAbs2() / static_cast<double>(powers.size());
+  }
+  return square;
+}
 
 }  // namespace
 
@@ -217,6 +218,32 @@ UnitMapFit fit_unit_map(const Experiment& experiment, const Rung& rung, const Hy
                         const std::map<std::string, double>& values, UnitMap start,
                         const std::vector<StatVector>& without, std::uint64_t seed) {
   return MapFitter(experiment, rung, hypothesis, values, std::move(start), without, seed).run();
+}
+
+/// Fisher's information of rings of cosines; the units that are compared with are few, too. The mean square of values
+/// that are rarely large (a few dead pixels) scatters by their kurtosis, where normal ones have 3. And the cosines of a
+/// smooth map are not independent: what its border leaks is in all of them. So not less than other units, each taken
+/// for the measured one, would scatter.
+std::map<std::string, double> unit_map_deviations(const Experiment& experiment, const Rung& rung,
+                                                  const Hypothesis& hypothesis, const UnitMapFit& fit,
+                                                  std::uint64_t seed) {
+  std::map<std::string, double> result;
+  if (!fit.information) return result;
+  const auto& [map, segment, names, slopes, kurtosis, share] = *fit.information;
+  const std::vector<double> modes = map.modes(segment);
+  const int n = static_cast<int>(names.size());
+  Eigen::MatrixXd information = 1e-2 * Eigen::MatrixXd::Identity(n, n);
+  for (int a = 0; a < n; ++a)
+    for (int b = 0; b < n; ++b)
+      for (std::size_t r = 0; r < modes.size(); ++r) information(a, b) += modes[r] / 2 * slopes[a][r] * slopes[b][r];
+  const Eigen::MatrixXd inverse = information.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+  const double few_units = 1 + 1 / map.learned_from();
+  const Eigen::VectorXd by_units = scatter_over_units(Units(experiment, rung, hypothesis), rung, fit, inverse, seed);
+  for (int a = 0; a < n; ++a) {
+    const double by_information = std::max(1.0, (kurtosis - 1) / 2) * inverse(a, a);
+    result[names[a]] = std::sqrt(few_units * std::max({0.0, by_information, by_units[a]}));
+  }
+  return result;
 }
 
 }  // namespace binrig

@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <map>
+#include <ostream>
 
 #include "app/open.h"
 #include "core/error.h"
@@ -17,6 +18,8 @@ using namespace std::chrono_literals;
 struct Kind {
   std::string name;
   std::function<std::string(const test::ScratchFolder&)> uri;  ///< makes what the source needs; a finite source
+
+  friend void PrintTo(const Kind& kind, std::ostream* os) { *os << kind.name; }
 };
 
 std::string recorded(const test::ScratchFolder& folder) {

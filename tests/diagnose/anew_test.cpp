@@ -84,7 +84,7 @@ TEST(LookAnew, FitsOnlyWhatExplainsEnoughBeforeItIsFitted) {
   const Asked asked(c, given, {"radial_distortion", "lateral_noise", "heavy_tails"});
   const auto& [hypotheses, book] = asked;
   ASSERT_EQ(hypotheses.tested.size(), 3);
-  std::vector<double> least_share(3, 0.02);  // noise that is not there explains nothing, of whatever is left
+  std::vector<double> least_share(3, 0.01);  // noise that is not there explains nothing, of whatever is left
   const auto looks = [&] {
     return look_anew(c.experiment, c.motions, c.measured, {given, book.signatures(), book.simulations()}, hypotheses,
                      -1, 3, 11, least_share);
@@ -93,7 +93,7 @@ TEST(LookAnew, FitsOnlyWhatExplainsEnoughBeforeItIsFitted) {
   ASSERT_EQ(found.size(), 1);
   ASSERT_EQ(hypotheses.tested[found[0].hypothesis].effect, "radial_distortion");
   EXPECT_NEAR(found[0].fit.model.find(found[0].id)->value("amplitude"), 0.25, 0.1);
-  least_share[found[0].hypothesis] = 2;  // half of that is all
+  least_share[found[0].hypothesis] = 1;  // that is all
   EXPECT_TRUE(looks().empty());
 }
 

@@ -100,7 +100,7 @@ bool begins_with_speckle(const SensorModel& truth) {
   Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), rung.model);
   std::erase_if(hypotheses.tested, [](const Hypothesis& h) { return h.effect != "speckle_noise"; });
   std::vector<LinearGain> linear{{0, 0, hypotheses.tested[0].paths[0].atoms[0].values}};
-  MapHypotheses maps(c.experiment, rung, c.measured, hypotheses, 77);
+  MapHypotheses maps(c.experiment, rung, c.measured, hypotheses, {}, 77);
   maps.learn(linear);
   return maps.begins_with_draws(0);
 }
@@ -109,6 +109,27 @@ TEST(DrawnMap, IsNotAskedForWhereTheNoiseIsWrong) {
   EXPECT_TRUE(begins_with_speckle(model_with("speckle_noise", {{"amplitude", 0.1}, {"correlation_length", 3}})));
   // The mean of a capture's frames is smoothed, too, and another one in each capture.
   EXPECT_FALSE(begins_with_speckle(model_with("smoothing", {{"sigma", 1.5}})));
+}
+
+TEST(MapHypotheses, AMapThatWasUnlikeIsNotFittedAgain) {
+  // What a lens bends is fixed in the image, but no random map.
+  const Case c(model_with("radial_distortion", {{"amplitude", 0.5}}), noise_alone(0.3));
+  const Rung rung = c.fitted({.simulations = 16, .passes = 1});
+  Hypotheses hypotheses = make_hypotheses(c.experiment.forward(), rung.model);
+  std::erase_if(hypotheses.tested, [](const Hypothesis& h) { return h.effect != "fixed_pattern_noise"; });
+  const auto learned = [&](const std::set<std::string>& no_maps) {
+    MapHypotheses maps(c.experiment, rung, c.measured, hypotheses, no_maps, 77);
+    std::vector<LinearGain> linear{{0, 0, hypotheses.tested[0].paths[0].atoms[0].values}};
+    maps.learn(linear);
+    return maps;
+  };
+  const MapHypotheses first = learned({});
+  ASSERT_TRUE(first.gives_parameters(0));
+  EXPECT_FALSE(first.looks_random(0));
+  EXPECT_EQ(first.unlike(), std::set<std::string>{"fixed_pattern_noise"});
+  const MapHypotheses again = learned(first.unlike());
+  EXPECT_FALSE(again.gives_parameters(0));
+  EXPECT_EQ(again.unlike(), first.unlike());
 }
 
 }  // namespace

@@ -128,18 +128,24 @@ TEST(Search, LooksCloselyForAPeriodThatSignaturesHardlySee) {
                 [](const Hypothesis& h) { return h.effect != "row_banding" && h.effect != "low_signal_noise"; });
   SignatureBook book(c.experiment, start, hypotheses, {});
   book.look_at({0, 1}, false);
-  const SearchResult found = search(
-      c.experiment, c.motions, rung, c.measured, hypotheses, book.signatures(), {},
-      [&] {
-        return Beginning{start, book.signatures(), book.simulations()};
-      },
-      SearchOptions{});
+  const auto looks = [&](const Standing& standing) {
+    return search(
+        c.experiment, c.motions, rung, c.measured, hypotheses, book.signatures(), standing,
+        [&] {
+          return Beginning{start, book.signatures(), book.simulations()};
+        },
+        SearchOptions{});
+  };
+  const SearchResult found = looks({});
   const auto wave = std::ranges::find(found.refined, "row_banding", &Refined::effect);
   const auto other = std::ranges::find(found.refined, "low_signal_noise", &Refined::effect);
   ASSERT_TRUE(wave != found.refined.end() && other != found.refined.end());
   EXPECT_LT(wave->linear_gain, 0.15 * other->linear_gain) << "no reason to look closely";
   EXPECT_GT(wave->train_gain, other->train_gain);
   EXPECT_NEAR(wave->model.find(wave->id)->value("period"), 8.43, 0.05);
+  // Where it was looked for in vain beside as much, it is not looked for again.
+  const SearchResult again = looks({.added = false, .closely = false});
+  EXPECT_EQ(std::ranges::find(again.refined, "row_banding", &Refined::effect), again.refined.end());
 }
 
 TEST(Search, LooksFromTheGivenParametersWhereBentOnesLeaveHardlyAnything) {

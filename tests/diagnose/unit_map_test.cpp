@@ -237,7 +237,7 @@ TEST(FitUnitMap, FindsTheSameRateWhereverItBegins) {
     UnitMap start(c.experiment.layout(), rung, without, c.experiment.simulate(UnitMap::trials_of(rung, model, seed)));
     const UnitMapFit fit = fit_unit_map(c.experiment, rung, dead, {{"rate", rate}}, std::move(start), without, seed);
     found.push_back(std::log(fit.values.at("rate") / truth));
-    deviations.push_back(fit.deviation.at("rate"));
+    deviations.push_back(unit_map_deviations(c.experiment, rung, dead, fit, seed).at("rate"));
     EXPECT_LT(std::abs(found.back()), 3 * deviations.back()) << rate;
     return fit.values.at("rate");
   };
