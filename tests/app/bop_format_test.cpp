@@ -26,9 +26,10 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+using test::read_json;
 
 // The box hides the socket in part, the second socket reaches beyond the left border.
-const char* const world = R"(
+const char* const hidden_and_cut = R"(
 parts:
   - {part: box, poses: [{translation: [-20, 0, 40]}]}
   - {part: socket, poses: [{translation: [0, 5, 20]}, {translation: [-112, 0, 20]}]}
@@ -42,17 +43,11 @@ sensors:
     range: [700, 900]
 )";
 
-json read_json(const std::string& path) {
-  std::ifstream file(path);
-  EXPECT_TRUE(file) << path;
-  return json::parse(file);
-}
-
 class BopFormat : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     folder_ = new test::ScratchFolder;
-    std::ofstream(*folder_ / "world.yaml") << world;
+    std::ofstream(*folder_ / "world.yaml") << hidden_and_cut;
     const test::Run run =
         test::run_binrig("simulate --quiet --world " + (*folder_ / "world.yaml") + " --model " + BINRIG_SOURCE_DIR +
                          "/models/thesis-five.yaml --out " + set() + " --scenes 2 --frames 2");

@@ -18,6 +18,7 @@ namespace binrig {
 namespace {
 
 using nlohmann::json;
+using test::read_json;
 using test::run_binrig;
 using testing::HasSubstr;
 
@@ -60,10 +61,7 @@ class CompareVerb : public testing::Test {
     }
   }
   std::string base() { return "compare --quiet --measured " + (folder_ / "set") + " --out " + (folder_ / "out") + " "; }
-  json report() {
-    std::ifstream file(folder_ / "out/report.json");
-    return json::parse(file);
-  }
+  json report() { return read_json(folder_ / "out/report.json"); }
   static json aspect(const json& report, const std::string& id) {
     for (const auto& a : report["fidelity"]["aspects"]) {
       if (a["aspect"] == id) return a;

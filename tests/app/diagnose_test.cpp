@@ -18,6 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+using test::read_json;
 using test::run_binrig;
 using testing::HasSubstr;
 
@@ -30,13 +31,12 @@ class DiagnoseBadInput : public testing::Test {
 
   void TearDown() override { unsetenv("BINRIG_CACHE"); }
 
-  static json read(const fs::path& path) { return json::parse(std::ifstream(path)); }
 
   /// Every file of that name in the set, rewritten.
   void edit(const std::string& name, const std::function<void(json&)>& change) const {
     for (const auto& entry : fs::recursive_directory_iterator(set_)) {
       if (entry.path().filename() != name) continue;
-      json content = read(entry.path());
+      json content = read_json(entry.path());
       change(content);
       std::ofstream(entry.path()) << content.dump();
     }
@@ -62,7 +62,7 @@ class DiagnoseBadInput : public testing::Test {
     const auto run = diagnose();
     EXPECT_EQ(run.status, 0) << run.output;
     EXPECT_THAT(run.output, HasSubstr(reason));
-    const json diagnosis = read(folder_ / "out/diagnosis.json");
+    const json diagnosis = read_json(folder_ / "out/diagnosis.json");
     EXPECT_EQ(diagnosis["verdict"], "not_enough_data");
     EXPECT_TRUE(diagnosis["candidates"].empty());
   }
@@ -137,11 +137,11 @@ TEST(ImproveInstrument, TheImperfectionIsTheFirstName) {
                  " --max-effects 1 --out " + (folder / "out").string());
   unsetenv("BINRIG_CACHE");
   ASSERT_EQ(run.status, 0) << run.output;
-  const json diagnosis = json::parse(std::ifstream(folder / "out/diagnosis.json"));
+  const json diagnosis = read_json(folder / "out/diagnosis.json");
   ASSERT_EQ(diagnosis["candidates"].size(), 1u) << run.output;
   EXPECT_EQ(diagnosis["candidates"][0]["effect"], "radial_distortion");
   EXPECT_NEAR(diagnosis["candidates"][0]["parameters"]["amplitude"]["value"].get<double>(), 0.12, 0.02);
-  const json ladder = json::parse(std::ifstream(folder / "out/ladder.json"));
+  const json ladder = read_json(folder / "out/ladder.json");
   const json &before = ladder.front(), &after = ladder.back();
   EXPECT_LT(after["heldout"].get<double>(), 0.6 * before["heldout"].get<double>());
   EXPECT_LT(after["bias_rms_mm"].get<double>(), 0.4 * before["bias_rms_mm"].get<double>());

@@ -17,12 +17,8 @@ namespace binrig {
 namespace {
 
 using nlohmann::json;
+using test::read_json;
 using test::run_binrig;
-
-json read_json(const std::string& path) {
-  std::ifstream file(path);
-  return json::parse(file);
-}
 
 // A set of planes seen by a sensor whose model is known: three distances to fit on, one held out.
 void write_planes(const std::string& folder, const std::string& model_text, int frames, double depth_scale_mm = 0.02) {
@@ -58,7 +54,7 @@ void write_planes(const std::string& folder, const std::string& model_text, int 
   record("test", 1, 760, 4);
 }
 
-const char* truth =
+const char* const known_noise =
     "name: truth\ncamera: recording\nprojector: recording\ndepth_scale: recording\neffects:\n"
     "  - spectral_noise: {sigma: 0.3, correlation_length: 0.9, white_share: 0.2}\n";
 const char* start =
@@ -80,7 +76,7 @@ class FitNoiseVerb : public testing::Test {
 };
 
 TEST_F(FitNoiseVerb, FindsTheNoiseAndItHoldsOnAHeldOutCapture) {
-  write_planes(folder / "set", truth, 4);
+  write_planes(folder / "set", known_noise, 4);
   const test::Run run =
       run_binrig("fit-noise --quiet --measured " + (folder / "set") + " --model " + (folder / "start.yaml") +
                  " --out " + (folder / "out/fitted.yaml") + " --report " + (folder / "report"));
@@ -103,7 +99,7 @@ TEST_F(FitNoiseVerb, FindsTheNoiseAndItHoldsOnAHeldOutCapture) {
 }
 
 TEST_F(FitNoiseVerb, TheDensityMakesUpForAFilterThatActsAfterTheNoise) {
-  write_planes(folder / "set", truth, 4);
+  write_planes(folder / "set", known_noise, 4);
   std::ofstream(folder / "filter.yaml")
       << "name: filter\neffects:\n  - spectral_noise: {sigma: 0.6}\n  - smoothing: {sigma: 0.5}\n";
   const test::Run run = run_binrig("fit-noise --quiet --json --measured " + (folder / "set") + " --model " +
@@ -128,7 +124,7 @@ TEST_F(FitNoiseVerb, CompareAgreesWithTheModelThatWasWrittenThoughAFilterFollows
 }
 
 TEST_F(FitNoiseVerb, OneFrameOnlyIsSaidToBeAnUpperBound) {
-  write_planes(folder / "set", truth, 1);
+  write_planes(folder / "set", known_noise, 1);
   const test::Run run = run_binrig("fit-noise --quiet --measured " + (folder / "set") + " --model " +
                                    (folder / "start.yaml") + " --out " + (folder / "fitted.yaml"));
   ASSERT_EQ(run.status, 0) << run.output;
@@ -146,7 +142,7 @@ TEST_F(FitNoiseVerb, BadInputIsStatusTwoWithOneClearError) {
     EXPECT_NE(run.output.find(words), std::string::npos) << run.output;
   };
   fails("--measured " + (folder / "nowhere") + " --model " + (folder / "start.yaml"), "nowhere");
-  write_planes(folder / "set", truth, 1);
+  write_planes(folder / "set", known_noise, 1);
   fails("--measured " + (folder / "set") + " --capture train/9 --model " + (folder / "start.yaml"), "train/9");
   fails("--measured " + (folder / "set") + " --model " + (folder / "absent.yaml"), "absent.yaml");
   std::ofstream(folder / "typo.yaml") << "name: typo\neffects:\n  - spectral_noise: {sigmma: 0.6}\n";
@@ -238,7 +234,7 @@ TEST_F(FitNoiseVerb, CalibrateSeesThatNoBlurIsBehindTheNoiseAndCompareAgrees) {
 }
 
 TEST_F(FitNoiseVerb, CalibrateRefusesNamesThatTheModelDoesNotHaveAndLeavesAloneWhatIsFixed) {
-  write_planes(folder / "set", truth, 2);
+  write_planes(folder / "set", known_noise, 2);
   const std::string command = "calibrate --quiet --json --measured " + (folder / "set") + " --model " +
                               (folder / "start.yaml") + " --out " + (folder / "calibrated.yaml");
   const test::Run refused = run_binrig(command + " --fix spectral_noise.sigmma");

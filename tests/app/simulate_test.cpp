@@ -15,9 +15,10 @@ namespace binrig {
 namespace {
 
 using nlohmann::json;
+using test::read_json;
 using test::run_binrig;
 
-const char* const world = R"(
+const char* const box_and_socket = R"(
 parts:
   - {part: box, poses: [{translation: [-20, 0, 10]}]}
   - {part: socket, poses: [{translation: [15, 5, 20]}]}
@@ -30,14 +31,9 @@ sensors:
     range: [700, 900]
 )";
 
-json read_json(const std::string& path) {
-  std::ifstream file(path);
-  return json::parse(file);
-}
-
 TEST(SimulateVerb, WritesWhatBopToolsRead) {
   test::ScratchFolder folder;
-  std::ofstream(folder / "world.yaml") << world;
+  std::ofstream(folder / "world.yaml") << box_and_socket;
   const std::string model = std::string(BINRIG_SOURCE_DIR) + "/models/thesis-five.yaml", out = folder / "set";
   const test::Run run = run_binrig("simulate --quiet --world " + (folder / "world.yaml") + " --model " + model +
                                    " --out " + out + " --scenes 2 --frames 2");
@@ -70,7 +66,7 @@ TEST(SimulateVerb, WritesWhatBopToolsRead) {
 
 TEST(ApplyVerb, PutsTheSensorOnPerfectDepth) {
   test::ScratchFolder folder;
-  std::ofstream(folder / "world.yaml") << world;
+  std::ofstream(folder / "world.yaml") << box_and_socket;
   std::ofstream(folder / "perfect.yaml") << "name: perfect\ndepth_scale: 0.02\n";
   ASSERT_EQ(run_binrig("simulate --quiet --no-rgb --world " + (folder / "world.yaml") + " --model " +
                        (folder / "perfect.yaml") + " --out " + (folder / "perfect"))

@@ -3,6 +3,7 @@
 #include <sys/wait.h>
 
 #include <cstdio>
+#include <fstream>
 
 namespace binrig::test {
 
@@ -15,6 +16,11 @@ Run run_binrig(const std::string& arguments) {
   const int code = ::pclose(pipe);
   run.status = WIFEXITED(code) ? WEXITSTATUS(code) : 128 + WTERMSIG(code);
   return run;
+}
+
+nlohmann::json read_json(const std::string& path) {
+  std::ifstream file(path);
+  return nlohmann::json::parse(file);
 }
 
 }  // namespace binrig::test

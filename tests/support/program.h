@@ -3,6 +3,8 @@
 
 #include <string>
 
+#include <nlohmann/json.hpp>
+
 namespace binrig::test {
 
 struct Run {
@@ -12,5 +14,8 @@ struct Run {
 
 /// Runs the built `binrig` with these arguments (shell words).
 Run run_binrig(const std::string& arguments);
+
+/// A file that it wrote. Throws nlohmann::json::exception if it is missing or no JSON.
+nlohmann::json read_json(const std::string& path);
 
 }  // namespace binrig::test
