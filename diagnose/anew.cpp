@@ -6,7 +6,7 @@
 #include <fmt/format.h>
 
 #include "core/parallel.h"
-#include "diagnose/refine.h"
+#include "diagnose/close_look.h"
 #include "diagnose/trace.h"
 
 namespace binrig {

@@ -1,7 +1,6 @@
 // A hypothesis simulated on top of a rung's model: what it leaves of the data, and its parameters fitted to them.
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -41,15 +40,6 @@ Remainder registered_remainder(const Refiner& refiner, const SensorModel& model)
 
 /// Square of a change by capture, added to what is there.
 void add_power(const Layout& layout, const Whitened& change, std::vector<double>& power);
-
-/// Where a hypothesis has a period and a phase, or a place in the image, its best ones: what the signatures say of them
-/// is of a few periods or a coarse grid only. Simulated are the three captures in which its signatures change most, and
-/// of periods the third that gains most there in six, since in fewer one wave does what another does. Where it is a
-/// step, the best of those it is tried at, by simulation: what a step does to the lines of the values is no small
-/// change. Else, and where nothing is better, the start. `reach`: of by_place. `least`: of chi, what a period has to
-/// gain to be worth finding; if none does, were all captures like the three, the start.
-LinearGain look_close_by(const Refiner& refiner, const Hypothesis& hypothesis, const LinearGain& start,
-                         const std::vector<Signature>& signatures, std::optional<double> reach = {}, double least = 0);
 
 /// The rung's model with the hypothesis, its parameters fitted to the train captures; `id`: of the instance added.
 struct RefinedFit {

@@ -9,23 +9,17 @@
 
 #include "core/error.h"
 #include "diagnose/anew.h"
+#include "diagnose/close_look.h"
 #include "diagnose/descent.h"
-#include "diagnose/how_often.h"
-#include "diagnose/refine.h"
+#include "diagnose/happening.h"
+#include "diagnose/map_hypotheses.h"
 #include "diagnose/score.h"
 #include "diagnose/spot.h"
 #include "diagnose/tone.h"
 #include "diagnose/trace.h"
-#include "diagnose/map_hypotheses.h"
 
 namespace binrig {
 namespace {
-
-/// Does it happen to whole frames, as chance has it?
-bool happens_or_not(const EffectDeclaration& effect) {
-  const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
-  return amplitude && amplitude->kind == ParameterKind::chance;
-}
 
 double quantile(std::vector<double> values, double q) {
   const auto at = values.begin() + static_cast<long>(q * static_cast<double>(values.size() - 1));
@@ -299,40 +293,6 @@ class Search {
     result_.refined.push_back(std::move(refined));
   }
 
-  /// The rung's model with a hypothesis that happens to whole frames or not, as often as its signatures say.
-  RefinedFit given_by_signatures(int h) const {
-    const EffectDeclaration& effect = *hypotheses_.tested[h].declaration;
-    const ParameterSpec& spec = *effect.parameter(effect.amplitude);
-    std::map<std::string, double> values = result_.linear[h].values;
-    const auto with = [&](double value) {
-      values[spec.name] = value;
-      return with_effect(rung_.model, experiment_.forward().catalogue(), effect.name, values);
-    };
-    const auto found_where = [&](double value) {
-      const SensorModel model = with(value);
-      std::vector<Trial> trials;
-      for (int k = 0; k < counted_recordings; ++k)
-        trials.push_back({model, rung_.offsets, options_.seed + 4000 + static_cast<std::uint64_t>(k), Part::train});
-      std::vector<double> found;
-      for (const StatVector& recording : experiment_.simulate(trials, "refining hypotheses")) {
-        const Explained explained = rung_.train.explain(rung_.standard.linear(recording));
-        found.push_back(ranking_.gains(explained.rest, explained.values)[h].values.at(spec.name));
-      }
-      return found;
-    };
-    const double wanted = values.at(spec.name);
-    const HowOften often = how_often(found_where, wanted, wanted, spec.lower, spec.upper);
-    values[spec.name] = often.value;
-    RefinedFit result;
-    result.fit.model = rung_.model;
-    EffectInstance& instance = add_effect(result.fit.model, experiment_.forward().catalogue(), effect.name, values);
-    result.id = instance.id;
-    ParameterValue& value = instance.values[spec.name];
-    const auto [low, high] = often.interval(1.96);
-    value.ci95 = {{std::clamp(low, spec.lower, spec.upper), std::clamp(high, spec.lower, spec.upper)}};
-    return result;
-  }
-
   /// The rung's model with a hypothesis where the linear view puts it, not fitted.
   RefinedFit as_it_is(int h) const {
     RefinedFit result;
@@ -373,7 +333,7 @@ class Search {
       if (maps_.gives_parameters(h)) {
         judge(maps_.given_by_map(h, result_.linear[h].values), h);
       } else if (happens_or_not(*hypothesis.declaration)) {
-        judge(given_by_signatures(h), h);
+        judge(given_by_signatures(refiner_, hypothesis, result_.linear[h], ranking_), h);
       } else if (maps_.begins_with_draws(h)) {
         judge(as_it_is(h), h);
       } else {
