@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -45,14 +46,18 @@ class Search {
         count_(static_cast<int>(hypotheses.tested.size())),
         ranking_(experiment, rung, hypotheses, signatures),
         maps_(experiment, rung, measured, hypotheses, standing.no_maps, options.seed + 80),
-        left_(rung.dispersion) {}
+        left_(rung.dispersion),
+        certain_(certain_step()) {}
 
   SearchResult run() {
     hold_signatures_against_residual();
     set_gates();
-    look_where_it_stands_out();
     base_ = registered_remainder(refiner_, rung_.model);
-    if (standing_.exact_steps_first && take_certain_step()) return std::move(result_);
+    if (certain_) {
+      take_certain_step();
+      return std::move(result_);
+    }
+    look_where_it_stands_out();
     refine_shortlist();
     const bool known = result_.explained_by_one(options_) || result_.happening(options_);
     if (made_up_for() || (!known && astray() && !first_of_many()))
@@ -75,7 +80,7 @@ class Search {
   /// Gains of all hypotheses, on the data and on recordings in which nothing is missing.
   void hold_signatures_against_residual() {
     result_.linear = ranking_.gains(rung_.rest, rung_.nuisances);
-    maps_.learn(result_.linear);
+    if (!certain_) maps_.learn(result_.linear);
     result_.null_gains.resize(count_);
     for (const auto& null : rung_.nulls) {
       const Explained explained = rung_.train.explain(null);
@@ -303,22 +308,28 @@ class Search {
     return result;
   }
 
+  struct CertainStep {
+    int hypothesis;
+    double step;
+  };
   /// A step of which nearly all recorded values are whole multiples is in the recording, whatever else is missing. One
   /// that is wider than the noise is a landscape of stairs in which, with targets where they nominally stand, the right
   /// step leaves as much as none.
-  bool take_certain_step() {
-    for (int h = 0; h < count_; ++h) {
-      const Hypothesis& hypothesis = hypotheses_.tested[h];
+  std::optional<CertainStep> certain_step() const {
+    for (int h = 0; h < count_ && standing_.exact_steps_first; ++h) {
       double coarsest = 0;  // its whole parts are exact, too
-      for (const ReadStep& step : hypothesis.seen)
+      for (const ReadStep& step : hypotheses_.tested[h].seen)
         if (step.exact) coarsest = std::max(coarsest, step.value);
-      if (coarsest == 0) continue;
-      LinearGain at = result_.linear[h];
-      at.values[hypothesis.declaration->amplitude] = coarsest;
-      judge(refine(refiner_, hypothesis, at), h);
-      return true;
+      if (coarsest > 0) return {{h, coarsest}};
     }
-    return false;
+    return {};
+  }
+
+  void take_certain_step() {
+    const Hypothesis& hypothesis = hypotheses_.tested[certain_->hypothesis];
+    LinearGain at = result_.linear[certain_->hypothesis];
+    at.values[hypothesis.declaration->amplitude] = certain_->step;
+    judge(refine(refiner_, hypothesis, at), certain_->hypothesis);
   }
 
   void refine_shortlist() {
@@ -463,6 +474,7 @@ class Search {
   Remainder base_;
   double left_;                                                     // dispersion, by the best so far
   double second_listed_ = std::numeric_limits<double>::infinity();  // gain of chi, where that was simulated
+  const std::optional<CertainStep> certain_;
 };
 
 }  // namespace
