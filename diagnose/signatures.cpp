@@ -265,11 +265,17 @@ std::vector<LinearGain> Ranking::gains(const Whitened& rest, const std::vector<d
 
 std::vector<LinearGain> gains_about(const Experiment& experiment, const Rung& rung, const Hypotheses& hypotheses,
                                     const SignatureOptions& options) {
-  std::vector<int> every(hypotheses.tested.size());
-  std::iota(every.begin(), every.end(), 0);
+  constexpr int at_once = 32;  // hypotheses: signatures of all periods take more memory than all else
   SignatureBook book(experiment, rung.model, hypotheses, options);
-  book.look_at(every, false);
-  return Ranking(experiment, rung, hypotheses, book.signatures()).gains(rung.rest, rung.nuisances);
+  std::vector<LinearGain> result;
+  for (const int count = static_cast<int>(hypotheses.tested.size()); static_cast<int>(result.size()) < count;) {
+    std::vector<int> some(std::min<std::size_t>(at_once, count - result.size()));
+    std::iota(some.begin(), some.end(), static_cast<int>(result.size()));
+    book.look_at(some, false);
+    const auto gains = Ranking(experiment, rung, hypotheses, book.take()).gains(rung.rest, rung.nuisances);
+    for (const int h : some) result.push_back(gains[h]);
+  }
+  return result;
 }
 
 PValue gain_p_value(double gain, std::vector<double> null_gains) {

@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "diagnose/hypotheses.h"
@@ -48,6 +49,8 @@ class SignatureBook {
   void look_at(const std::vector<int>& hypotheses, bool detail);
   /// By hypothesis, path and atom.
   const std::vector<Signature>& signatures() const { return signatures_; }
+  /// The same, of which it keeps none.
+  std::vector<Signature> take() { return std::exchange(signatures_, {}); }
   const SensorModel& model() const { return model_; }
   /// A few short recordings of the model itself (train; of Measurement::at(options.most_frames, false)).
   const std::vector<StatVector>& simulations() const { return without_[true]; }
