@@ -40,6 +40,17 @@ bool strength_is_open(const Experiment& experiment, const std::vector<SceneMotio
   return may_be_nothing(rung.fit, 1.96 * step.covariance.diagonal().cwiseMax(0).cwiseSqrt(), id, effect);
 }
 
+/// Has what came after it left less than a quarter of its strength?
+bool faded(const Climbed& climbed, const CandidateReport& candidate, const EffectDeclaration& effect) {
+  constexpr double quarter = 0.25;
+  const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
+  const auto added = std::ranges::find(climbed.added, candidate.effect) - climbed.added.begin();
+  if (!amplitude || amplitude->neutral != 0.0 || added == std::ssize(climbed.added)) return false;
+  const EffectInstance *then = climbed.rungs[added].model.find(candidate.id),
+                       *now = climbed.rungs.back().model.find(candidate.id);
+  return then && now && std::abs(now->value(effect.amplitude)) < quarter * std::abs(then->value(effect.amplitude));
+}
+
 }  // namespace
 
 bool take_out_superfluous(const Experiment& experiment, const std::vector<SceneMotion>& motions,
@@ -51,8 +62,9 @@ bool take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
     const CandidateReport& candidate = climbed.candidates[k];
     const EffectDeclaration& effect = last.model.find(candidate.id)->declaration(experiment.forward().catalogue());
     const bool is_last = k + 1 == climbed.candidates.size();
-    const double slack =
-        may_be_nothing(last.fit, half_intervals(last.fit, last.dispersion), candidate.id, effect) ? hardly_more : 0;
+    const bool nothing = may_be_nothing(last.fit, half_intervals(last.fit, last.dispersion), candidate.id, effect),
+               has_faded = !nothing && faded(climbed, candidate, effect);
+    const double slack = nothing || has_faded ? hardly_more : 0;
     if (is_last && !strength_is_open(experiment, motions, last, candidate.id, effect, climbed.options.seed)) break;
     const SensorModel model = without_effect(last.model, candidate.id);
     RungOptions again = climbed.options;
@@ -70,15 +82,15 @@ bool take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
     const auto hardly_larger = [&] {
       return judged.without <= (slack > 0 ? std::max(judged.with, 1.0) : judged.with) + slack;
     };
-    const auto nobody_misses_it = [&] {
+    const auto nobody_misses_it = [&](const SensorModel& without_it) {
       RungOptions as_it_is = again;
       as_it_is.passes = 0;
       const auto proper = [&](const SensorModel& of) {
         return proper_score(layout, fit_rung(experiment, motions, measured, of, last.offsets, as_it_is));
       };
-      const double with_it = proper(last.model), without_it = proper(model);
-      if (tracing()) fmt::print(stderr, "  proper {:.4f} -> {:.4f}\n", with_it, without_it);
-      return without_it < with_it + hardly_worse;
+      const double now = proper(last.model), then = proper(without_it);
+      if (tracing()) fmt::print(stderr, "  proper {:.4f} -> {:.4f}\n", now, then);
+      return then < now + hardly_worse;
     };
     // What the last one brought, with all else fitted anew, the others bring without it.
     const auto others_brought_it = [&](const Rung& rung, const HeldOut& now) {
@@ -87,13 +99,14 @@ bool take_out_superfluous(const Experiment& experiment, const std::vector<SceneM
       return now.without - now.with < hardly_its_own * (before - now.with) &&
              std::ranges::includes(unexplained(layout, last), unexplained(layout, rung));
     };
-    bool superfluous = hardly_larger() && nobody_misses_it();
+    bool superfluous = hardly_larger() && nobody_misses_it(model);
     if (!superfluous && !judged.far_off()) {
       without = fit_rung(experiment, motions, measured, model, last.offsets, again);
       judged = held_out(experiment, motions, measured, last, without);
       if (tracing())
         fmt::print(stderr, "  {} left out: held-out {:.3f} -> {:.3f}\n", candidate.id, judged.with, judged.without);
-      superfluous = hardly_larger() || (is_last && others_brought_it(without, judged));
+      superfluous = (hardly_larger() && (!has_faded || nobody_misses_it(without.model))) ||
+                    (is_last && others_brought_it(without, judged));
     }
     if (!superfluous) {
       ++k;

@@ -60,6 +60,20 @@ TEST(Superfluous, SoDoesWhatCameBeforeAndTheOthersStay) {
   EXPECT_EQ(climbed.evidence.accepted.size(), 1u);
 }
 
+TEST(Superfluous, WhatFadesWithWhatCameAfterItGoes) {
+  // What frames carry over from those before stays through a capture, like bumps of the scene; but these are all of it
+  // only as long as nobody knows of the filter.
+  const Case c(model_with("temporal_filter", {{"weight", 0.6}}), noise_alone(0.3), campaign(), 7);
+  Climbed climbed =
+      ladder(c, {instance("speckle_noise", "amplitude", 0.02), instance("temporal_filter", "weight", 0.5)});
+  const double now = climbed.rungs[2].model.find("speckle_noise")->value("amplitude");
+  value_in(climbed.rungs[1].model, "speckle_noise", "amplitude").value = 5 * now;
+  EXPECT_FALSE(take_out_superfluous(c.experiment, c.motions, c.measured, climbed));
+  ASSERT_EQ(climbed.candidates.size(), 1u);
+  EXPECT_EQ(climbed.candidates[0].effect, "temporal_filter");
+  EXPECT_EQ(climbed.rungs.back().model.find("speckle_noise"), nullptr);
+}
+
 TEST(Superfluous, WhatIsInTheInstrumentStays) {
   const Case c(model_with("radial_distortion", {{"amplitude", 0.1}}), noise_alone(0.3));
   Climbed climbed = ladder(c, {instance("radial_distortion", "amplitude", 0.05)});
