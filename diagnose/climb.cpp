@@ -16,7 +16,6 @@
 #include "diagnose/candidates.h"
 #include "diagnose/choice.h"
 #include "diagnose/contest.h"
-#include "diagnose/descent.h"
 #include "diagnose/edge_registration.h"
 #include "diagnose/mask_fit.h"
 #include "diagnose/score.h"
@@ -188,6 +187,7 @@ class Climb {
     return !at_all && step(true);
   }
 
+  /// The same at the rung as it stands; `closely`: see Standing.
   bool step(bool closely) {
     if (take_waiting()) return true;
     look_closer(last());

@@ -8,7 +8,6 @@
 namespace binrig {
 
 constexpr double least_gain = 1;  ///< of chi, for which a value is taken
-constexpr double far_off = 3;     ///< dispersion beyond which something else is missing, see FitOptions
 
 /// Walks the parameters of one fit. What is given to the constructor must outlive it, but for `start` and `offsets`.
 /// Whatever simulates throws what simulating throws.

@@ -10,7 +10,6 @@
 #include <opencv2/core/mat.hpp>
 
 #include "diagnose/climb.h"
-#include "diagnose/descent.h"
 #include "diagnose/intervals.h"
 #include "diagnose/last_step.h"
 #include "diagnose/mask_fit.h"

@@ -42,6 +42,8 @@ std::vector<FitParameter> fit_parameters(const SensorModel& model, const EffectC
 /// Those of them that are.
 std::vector<FitParameter> narrow_of(const std::vector<FitParameter>& parameters);
 
+constexpr double far_off = 3;  ///< dispersion beyond which something else is missing, see FitOptions
+
 struct FitOptions {
   int seeds = 2;
   int most_frames = 0;  ///< of Trial

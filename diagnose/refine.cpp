@@ -6,7 +6,6 @@
 
 #include <fmt/format.h>
 
-#include "diagnose/descent.h"
 #include "diagnose/mean_of_simulations.h"
 #include "diagnose/trace.h"
 

@@ -42,6 +42,7 @@ Remainder registered_remainder(const Refiner& refiner, const SensorModel& model)
 void add_power(const Layout& layout, const Whitened& change, std::vector<double>& power);
 
 /// The rung's model with the hypothesis, its parameters fitted to the train captures; `id`: of the instance added.
+/// Throws what simulating throws.
 struct RefinedFit {
   std::string id;
   Fit fit;

@@ -11,7 +11,6 @@
 #include "core/error.h"
 #include "diagnose/anew.h"
 #include "diagnose/close_look.h"
-#include "diagnose/descent.h"
 #include "diagnose/happening.h"
 #include "diagnose/map_hypotheses.h"
 #include "diagnose/score.h"
@@ -396,8 +395,8 @@ class Search {
     return !standing_.added && left_ > options_.astray;
   }
 
-  /// With what was added, a parameter went so far that hardly anything is left: what is accepted now may be no more than
-  /// what it did not make up for.
+  /// With what was added, a parameter went so far that hardly anything is left: what is accepted now may be no more
+  /// than what it did not make up for.
   bool made_up_for() const {
     return standing_.added && standing_.bent && rung_.dispersion <= leaves_something && !standing_.looked_in_vain &&
            !result_.accepted(options_).empty();

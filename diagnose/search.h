@@ -19,9 +19,9 @@ struct Standing {
   bool looked_in_vain;
   /// A step of which all values are whole multiples goes first; false where that was tried and made nothing better.
   bool exact_steps_first;
-  /// False where as much is left as when waves were last looked for closely: they are not looked for again, nor is a
-  /// map of the unit that did not look random then (`no_maps`, effects) fitted again.
+  /// Waves are looked for at all periods; false where as much is left as when that was done last.
   bool closely = true;
+  /// Effects whose map of the unit, fitted, did not look random where as much was left: it is not fitted again.
   std::set<std::string> no_maps;
 };
 

@@ -81,7 +81,7 @@ struct SearchResult {
   std::vector<Refined> refined;                 ///< best first
   bool looked_again = false;                    ///< from the parameters as given
   bool looked_closely = false;                  ///< for waves between those that signatures know
-  std::set<std::string> no_maps;                ///< effects of which the map, fitted, did not look random
+  std::set<std::string> no_maps;                ///< effects whose map, fitted, did not look random; Standing's, too
   /// Those that are certain, or significant on train and confirmed on test, best first.
   std::vector<const Refined*> accepted(const SearchOptions& options) const;
   /// What happens or not, if its signatures are beyond doubt and gain more than those of any other: beside it no fit of

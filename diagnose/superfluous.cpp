@@ -44,9 +44,10 @@ bool strength_is_open(const Experiment& experiment, const std::vector<SceneMotio
 bool faded(const Climbed& climbed, const CandidateReport& candidate, const EffectDeclaration& effect) {
   constexpr double quarter = 0.25;
   const ParameterSpec* amplitude = effect.parameter(effect.amplitude);
-  const auto added = std::ranges::find(climbed.added, candidate.effect) - climbed.added.begin();
-  if (!amplitude || amplitude->neutral != 0.0 || added == std::ssize(climbed.added)) return false;
-  const EffectInstance *then = climbed.rungs[added].model.find(candidate.id),
+  std::size_t added = climbed.added.size();  // the last time
+  while (added > 0 && climbed.added[added - 1] != candidate.effect) --added;
+  if (!amplitude || amplitude->neutral != 0.0 || added == 0) return false;
+  const EffectInstance *then = climbed.rungs[added - 1].model.find(candidate.id),
                        *now = climbed.rungs.back().model.find(candidate.id);
   return then && now && std::abs(now->value(effect.amplitude)) < quarter * std::abs(then->value(effect.amplitude));
 }
