@@ -17,8 +17,10 @@ namespace binrig {
 namespace {
 
 constexpr int units = 4;
-constexpr double least_coherence = 0.4;  // of a segment's change that is common to all captures
-constexpr double most_bands = 8;         // squares of some fifty cosines, and rings a third wide
+constexpr double least_coherence = 0.4;      // of a segment's change that is common to all captures
+constexpr double least_common = 1e-3;        // of a ring's power: what halves of the captures have in common scatters
+constexpr double least_of_strongest = 1e-3;  // ring's power: below, the map's is what leaks from the border
+constexpr double most_bands = 8;             // squares of some fifty cosines, and rings a third wide
 constexpr double strengths[] = {0.25, 0.5, 1, 2, 4};
 
 double sum_of_squares(const std::vector<double>& map) {
@@ -34,20 +36,21 @@ double kurtosis_of(const std::vector<double>& map) {
   return square > 0 ? fourth * static_cast<double>(map.size()) / (square * square) : 3;
 }
 
-CosineTransform tapered(const std::vector<double>& map, int cols, UnitMap::Direction direction) {
-  return transform(taper(map, cols, direction == UnitMap::rows), cols);
+CosineTransform squares_of(const std::vector<double>& map, int cols) { return transform(map, cols).cwiseAbs2(); }
+
+CosineTransform tapered_squares(const std::vector<double>& map, int cols, UnitMap::Direction direction) {
+  return squares_of(taper(map, cols, direction == UnitMap::rows), cols);
 }
 
-/// Mean squares of a map's cosines by ring; infinite where fewer than `enough` are asked for. `counts`: by row and
-/// column.
+/// Means of cosines' squares by ring; infinite where fewer than `enough` are asked for. `counts`: by row and column.
 template <typename Counts>
-std::vector<double> power_by_ring(const CosineTransform& transformed, const Counts& counts, double enough) {
-  const int rows = static_cast<int>(transformed.rows()), cols = static_cast<int>(transformed.cols());
+std::vector<double> power_by_ring(const CosineTransform& squares, const Counts& counts, double enough) {
+  const int rows = static_cast<int>(squares.rows()), cols = static_cast<int>(squares.cols());
   std::vector<double> power(modes_of(rows, cols).size(), 0), count(power.size(), 0);
   for (int i = 1; i < rows * cols; ++i) {
     const int row = i / cols, col = i % cols, ring = ring_of(row, col, rows, cols);
     if (!counts(row, col)) continue;
-    power[ring] += transformed(row, col) * transformed(row, col);
+    power[ring] += squares(row, col);
     count[ring] += 1;
   }
   for (std::size_t r = 0; r < power.size(); ++r)
@@ -55,20 +58,21 @@ std::vector<double> power_by_ring(const CosineTransform& transformed, const Coun
   return power;
 }
 
+bool any(int, int) { return true; }
+
 UnitMap::Spectrum spectrum_of(const std::vector<double>& map, int cols) {
-  const auto any = [](int, int) { return true; };
   UnitMap::Spectrum spectrum;
-  spectrum.power = power_by_ring(transform(map, cols), any, 1);
+  spectrum.power = power_by_ring(squares_of(map, cols), any, 1);
   for (const auto direction : {UnitMap::rows, UnitMap::columns}) {
-    const CosineTransform transformed = tapered(map, cols, direction);
+    const CosineTransform squares = tapered_squares(map, cols, direction);
     UnitMap::Banded& banded = spectrum.tapered[direction];
-    banded.all = power_by_ring(transformed, any, 1);
+    banded.all = power_by_ring(squares, any, 1);
     banded.varying = power_by_ring(
-        transformed, [&](int row, int col) { return (direction == UnitMap::rows ? row : col) == 0; }, 1);
+        squares, [&](int row, int col) { return (direction == UnitMap::rows ? row : col) == 0; }, 1);
     for (std::size_t r = 0; r < banded.all.size(); ++r)
       if (std::isinf(banded.varying[r])) banded.varying[r] = banded.all[r];
   }
-  spectrum.kurtosis = kurtosis_of(map);
+  spectrum.kurtosis = spectrum.least_kurtosis = kurtosis_of(map);
   return spectrum;
 }
 
@@ -77,6 +81,7 @@ template <typename SpectrumOf>
 UnitMap::Spectrum mean_spectrum(std::size_t count, const SpectrumOf& one) {
   UnitMap::Spectrum mean;
   mean.kurtosis = 0;
+  mean.least_kurtosis = std::numeric_limits<double>::infinity();
   const double share = 1 / static_cast<double>(count);
   const auto add = [share](std::vector<double>& sum, const std::vector<double>& its) {
     sum.resize(its.size(), 0);
@@ -90,6 +95,7 @@ UnitMap::Spectrum mean_spectrum(std::size_t count, const SpectrumOf& one) {
       add(mean.tapered[direction].all, its.tapered[direction].all);
     }
     mean.kurtosis += share * its.kurtosis;
+    mean.least_kurtosis = std::min(mean.least_kurtosis, its.kurtosis);
   }
   return mean;
 }
@@ -97,15 +103,14 @@ UnitMap::Spectrum mean_spectrum(std::size_t count, const SpectrumOf& one) {
 /// Squares of the cosines that vary along one direction alone, of the map tapered along it, over what is expected of
 /// them in their rings: by how many standard deviations their sum is beyond their number. Bands stand out there,
 /// however weak they are.
-double band_excess(const CosineTransform& transformed, UnitMap::Direction direction,
-                   const std::vector<double>& expected) {
-  const int rows = static_cast<int>(transformed.rows()), cols = static_cast<int>(transformed.cols());
+double band_excess(const CosineTransform& squares, UnitMap::Direction direction, const std::vector<double>& expected) {
+  const int rows = static_cast<int>(squares.rows()), cols = static_cast<int>(squares.cols());
   double sum = 0, count = 0;
   for (int k = 1; k < (direction == UnitMap::rows ? cols : rows); ++k) {
     const int row = direction == UnitMap::rows ? 0 : k, col = direction == UnitMap::rows ? k : 0;
     const int ring = ring_of(row, col, rows, cols);
     if (ring < 1 || std::isinf(expected[ring])) continue;  // where poses and lens take their part
-    sum += transformed(row, col) * transformed(row, col) / std::max(expected[ring], 1e-12);
+    sum += squares(row, col) / std::max(expected[ring], 1e-12);
     count += 1;
   }
   return count > 0 ? (sum - count) / std::sqrt(2 * count) : 0;
@@ -196,13 +201,23 @@ UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatV
 UnitMap::Spectrum UnitMap::spectrum_of_units(int s, const std::vector<Whitened>& change) const {
   const Segment& segment = segments_[s];
   return mean_spectrum(change.size(), [&](std::size_t k) {
+    const Whitened left = left_of(train_, test_, change[k]);
     double unused = 0;
-    return spectrum_of(map_of(segment, left_of(train_, test_, change[k]), unused), segment.cols);
+    Spectrum spectrum = spectrum_of(map_of(segment, left, unused), segment.cols);
+    const auto& [one, other] = halves_of(segment, left);
+    const std::vector<double> common =
+        power_by_ring(transform(one, segment.cols).cwiseProduct(transform(other, segment.cols)), any, 1);
+    for (std::size_t r = 0; r < common.size(); ++r)
+      spectrum.power[r] = std::clamp(common[r], least_common * spectrum.power[r], spectrum.power[r]);
+    return spectrum;
   });
 }
 
 std::vector<double> UnitMap::modes(int s) const {
-  return modes_of(segments_[s].cells / segments_[s].cols, segments_[s].cols);
+  constexpr double at_best = 0.1;  // what is expected of a ring is known to
+  std::vector<double> modes = modes_of(segments_[s].cells / segments_[s].cols, segments_[s].cols);
+  for (double& m : modes) m = 1 / (1 / m + at_best * at_best / 2);
+  return modes;
 }
 
 std::optional<int> UnitMap::strongest(const Whitened& rest) const {
@@ -219,7 +234,10 @@ UnitMap::Match UnitMap::match(int s, const Whitened& rest, const Spectrum& units
   const Segment& segment = segments_[s];
   double unused = 0;
   const Spectrum seen = spectrum_of(map_of(segment, rest, unused), segment.cols);
-  const auto modes = this->modes(s);
+  std::vector<double> modes = this->modes(s);
+  const double least = least_of_strongest * *std::ranges::max_element(seen.power);
+  for (std::size_t r = 0; r < modes.size(); ++r)
+    if (seen.power[r] < least) modes[r] = 0;
   Match best;
   best.log_likelihood = -std::numeric_limits<double>::infinity();
   for (double log_scale = -6; log_scale <= 6; log_scale += 0.02) {
@@ -234,16 +252,18 @@ UnitMap::Match UnitMap::match(int s, const Whitened& rest, const Spectrum& units
     const double of_map = std::exp(best.log_scale) * units.power[r],
                  expected = of_map + segment.noise_spectrum.power[r];
     const double ratio = seen.power[r] / expected;
-    best.slope.push_back(of_map / expected);
+    best.slope.push_back(modes[r] > 0 ? of_map / expected : 0);
     best.misfit += modes[r] * (ratio - 1 - std::log(std::max(ratio, 1e-12)));
   }
   return best;
 }
 
-void UnitMap::sums(const Segment& segment, int cell, const Whitened& rest, bool train, double& b, double& g) const {
+template <typename Counts>
+void UnitMap::sums(const Segment& segment, int cell, const Whitened& rest, const Counts& counts, double& b,
+                   double& g) const {
   for (const Loading& loading : segment.loadings) {
     const int i = loading.offset + cell;
-    if (loading.train != train || spread_[i] == 0) continue;
+    if (!counts(loading) || spread_[i] == 0) continue;
     b += loading.value * rest[i];
     g += loading.value * loading.value;
   }
@@ -254,8 +274,8 @@ std::vector<double> UnitMap::map_of(const Segment& segment, const Whitened& rest
   noise = 0;
   for (int i = 0; i < segment.cells; ++i) {
     double b = 0, g = 0;
-    sums(segment, i, rest, true, b, g);
-    sums(segment, i, rest, false, b, g);
+    sums(
+        segment, i, rest, [](const Loading&) { return true; }, b, g);
     if (g == 0) continue;
     map[i] = b / g;
     noise += segment.noise / g;
@@ -263,12 +283,28 @@ std::vector<double> UnitMap::map_of(const Segment& segment, const Whitened& rest
   return map;
 }
 
+std::array<std::vector<double>, 2> UnitMap::halves_of(const Segment& segment, const Whitened& rest) const {
+  double unused = 0;
+  const std::vector<double> by_all = map_of(segment, rest, unused);
+  std::array<std::vector<double>, 2> halves{by_all, by_all};
+  for (int half = 0; half < 2; ++half)
+    for (int i = 0; i < segment.cells; ++i) {
+      double b = 0, g = 0;
+      const auto is_in_half = [&](const Loading& loading) { return (&loading - segment.loadings.data()) % 2 == half; };
+      sums(segment, i, rest, is_in_half, b, g);
+      if (g > 0) halves[half][i] = b / g;
+    }
+  return halves;
+}
+
 UnitMap::Gain UnitMap::gain(const Whitened& train, const Whitened& test, const std::string& only_segment) const {
+  const auto is_train = [](const Loading& loading) { return loading.train; };
+  const auto is_test = [](const Loading& loading) { return !loading.train; };
   Gain total;
   for (const Segment& segment : segments_) {
     if (!only_segment.empty() && segment.name != only_segment) continue;
     std::vector<double> b(segment.cells), g(segment.cells);
-    for (int i = 0; i < segment.cells; ++i) sums(segment, i, train, true, b[i], g[i]);
+    for (int i = 0; i < segment.cells; ++i) sums(segment, i, train, is_train, b[i], g[i]);
     double best = 0, variance = 0;
     for (const double a : strengths) {
       double gain = 0;
@@ -282,7 +318,7 @@ UnitMap::Gain UnitMap::gain(const Whitened& train, const Whitened& test, const s
     total.train += best;
     for (int i = 0; i < segment.cells; ++i) {
       double on_test = 0, square = 0;
-      sums(segment, i, test, false, on_test, square);
+      sums(segment, i, test, is_test, on_test, square);
       const double value = b[i] * variance / (segment.noise + g[i] * variance);
       total.test += value * (2 * on_test - value * square);
     }
@@ -299,12 +335,12 @@ bool UnitMap::has_bands(const Whitened& rest) const {
     double unused = 0;
     const auto map = map_of(segment, rest, unused);
     for (const Direction direction : {rows, columns}) {
-      const CosineTransform transformed = tapered(map, segment.cols, direction);
+      const CosineTransform squares = tapered_squares(map, segment.cols, direction);
       std::vector<double> expected = power_by_ring(
-          transformed, [](int row, int col) { return row > 0 && col > 0; }, enough);
+          squares, [](int row, int col) { return row > 0 && col > 0; }, enough);
       for (std::size_t r = 0; r < expected.size(); ++r)
         expected[r] = std::max(expected[r], segment.noise_spectrum.tapered[direction].all[r]);
-      const double bands = band_excess(transformed, direction, expected);
+      const double bands = band_excess(squares, direction, expected);
       if (tracing()) fmt::print(stderr, "  unit map in {}: bands beside others by {:.1f}\n", segment.name, bands);
       if (bands > clearly_bands) return true;
     }
@@ -328,7 +364,7 @@ bool UnitMap::looks_random(const Whitened& rest) const {
       for (std::size_t r = 0; r < expected.size(); ++r)
         expected[r] = std::max(of_noise.all[r], of_noise.varying[r]) +
                       std::exp(found.log_scale) * std::max(of_units.all[r], of_units.varying[r]);
-      const double bands = band_excess(tapered(map, segment.cols, direction), direction, expected);
+      const double bands = band_excess(tapered_squares(map, segment.cols, direction), direction, expected);
       if (tracing()) fmt::print(stderr, "  unit map in {}: bands stand out by {:.1f}\n", segment.name, bands);
       if (bands > most_bands) return false;
     }
@@ -343,9 +379,10 @@ bool UnitMap::looks_random(const Whitened& rest) const {
                  "  unit map in {}: {:.1f} times the noise, misfit {:.1f} (at most {:.1f}), kurtosis {:.1f} ({:.1f})\n",
                  segment.name, sum_of_squares(map) / noise, misfit, most, kurtosis, usual);
     if (misfit > most) return false;
-    // A wave has 1.5 and two levels have 1; a Gaussian map has 3, smooth ones (of few independent patches) 2 .. 4.
-    if (kurtosis < 0.62 * std::min(usual, 5.0)) return false;
-    if (usual < 5 && kurtosis > 1.7 * usual) return false;
+    // A wave has 1.5 and two levels have 1; a Gaussian map has 3, smooth ones (of few independent patches) 2 .. 4, and
+    // up to 6 where cells are known unequally well. Beyond are scattered pixels: the fewer, the more.
+    if (kurtosis < 0.62 * std::min(segment.spectrum.least_kurtosis, 5.0)) return false;
+    if (usual < 10 && kurtosis > 1.7 * usual) return false;
   }
   return true;
 }

@@ -61,24 +61,29 @@ class UnitMap {
     std::vector<double> power;
     std::array<Banded, 2> tapered;  ///< by Direction
     double kurtosis = 3;            ///< of the map's values
+    double least_kurtosis = 3;      ///< over the units it is a mean of: that of few independent patches scatters
   };
   /// How the map estimated from a residual is matched by the spectrum of simulated units.
   struct Match {
     double log_scale = 0;       ///< logarithm of its power over theirs, the most likely one
     double log_likelihood = 0;  ///< at that (Whittle)
-    std::vector<double> slope;  ///< by ring, of log(expected power) with log_scale
+    std::vector<double> slope;  ///< by ring, of log(expected power) with log_scale; 0 where a ring does not count
     double misfit = 0;          ///< what rings are away from it: chi-square of as many degrees of freedom as rings
   };
   /// The segment in which an unknown map explains most of a residual (all captures); none if it explains nothing.
   std::optional<int> strongest(const Whitened& rest) const;
   /// Of what units change, whichever it was learned from; nuisances take of it what they take of a measurement.
-  /// `segment`: of `strongest`. Kurtosis and power are means over the units.
+  /// `segment`: of `strongest`. Kurtosis and power are means over the units. Power is what halves of the captures have
+  /// in common: noise that a map lets come out otherwise (by a step of quantisation, a hole) is no part of it.
   Spectrum spectrum_of_units(int segment, const std::vector<Whitened>& change) const;
-  /// `rest`: Explained::rest, all captures; `units`: of spectrum_of_units in the same segment.
+  /// `rest`: Explained::rest, all captures; `units`: of spectrum_of_units in the same segment. Rings that have less
+  /// than a thousandth of the strongest one's power count for nothing: what leaks into them from the border is known
+  /// badly.
   Match match(int segment, const Whitened& rest, const Spectrum& units) const;
   /// Number of units that it was learned from.
   double learned_from() const { return units_; }
-  /// Number of cosines in each ring.
+  /// How many cosines each ring counts for: not for more than 200, since what is expected of a ring is known to a tenth
+  /// at best. Units are few, and with a map in it noise is not quite what it was.
   std::vector<double> modes(int segment) const;
 
   /// Is the map estimated from a residual (all captures) like those of simulated units, by the distribution of its
@@ -106,8 +111,13 @@ class UnitMap {
   };
   /// Estimates of a map, cell by cell; 0 where nothing is known. `noise`: what chance adds to the sum of their squares.
   std::vector<double> map_of(const Segment& segment, const Whitened& rest, double& noise) const;
-  /// Sums over captures of loading times residual and of loading squared, for one cell.
-  void sums(const Segment& segment, int cell, const Whitened& rest, bool train, double& b, double& g) const;
+  /// The same by every other capture each, so that what is new in each capture is not common to the two; by all where
+  /// one of the two knows nothing.
+  std::array<std::vector<double>, 2> halves_of(const Segment& segment, const Whitened& rest) const;
+  /// Sums over the captures that count (of their Loading) of loading times residual and of loading squared, for one
+  /// cell.
+  template <typename Counts>
+  void sums(const Segment& segment, int cell, const Whitened& rest, const Counts& counts, double& b, double& g) const;
 
   double units_ = 0;  // it was learned from
   std::vector<float> spread_;

@@ -98,41 +98,47 @@ class MapFitter {
     return result;
   }
 
-  /// Finds a parameter's most likely value, whatever the strength: the typical range, then halfway to either side, then
-  /// the parabola through three. Returns how the logarithm of the expected power changes with the parameter's.
+  /// Finds a parameter's most likely value, whatever the strength: the typical range, then halfway to either side until
+  /// those beside the best are hardly less likely, then the parabola through three. Returns how the logarithm of the
+  /// expected power changes with the parameter's.
   std::vector<double> seek(const ParameterSpec& spec) {
-    double step = std::log(spec.typical_high / spec.typical_low) / (places - 1);
-    const auto at = [&](double log_value) {
-      auto values = fit_.values;
-      values[spec.name] = std::clamp(std::exp(log_value), spec.lower, spec.upper);
-      return try_at(values);
+    constexpr double hardly = 4.5;  // of a log-likelihood: three deviations, where a parabola still follows it
+    constexpr int coarsest = 16;    // of finest steps
+    const double finest = std::log(spec.typical_high / spec.typical_low) / ((places - 1) * coarsest);
+    std::map<int, Try> tried;  // by finest steps from the low end
+    const auto value_at = [&](double steps) {
+      return std::clamp(spec.typical_low * std::exp(steps * finest), spec.lower, spec.upper);
     };
-    std::map<double, Try> tried;
-    for (int k = 0; k < places; ++k) {
-      const double x = std::log(spec.typical_low) + k * step;
-      tried[x] = at(x);
-    }
-    const auto best = [&] {
-      return std::max_element(tried.begin(), tried.end(),
-                              [](const auto& a, const auto& b) {
-                                return a.second.match.log_likelihood < b.second.match.log_likelihood;
-                              })
-          ->first;
+    const auto likely = [&](int k) {
+      if (!tried.count(k)) {
+        auto values = fit_.values;
+        values[spec.name] = value_at(k);
+        tried[k] = try_at(values);
+      }
+      return tried[k].match.log_likelihood;
     };
-    step /= 2;
-    const double middle = best();
-    for (const double x : {middle - step, middle + step}) tried[x] = at(x);
-    const double x = best();
-    for (const double side : {x - step, x + step})
-      if (!tried.count(side)) tried[side] = at(side);
-    const Try &low = tried[x - step], &here = tried[x], &high = tried[x + step];
+    int best = 0;
+    const auto look_at = [&](int k) {
+      if (likely(k) > likely(best)) best = k;
+    };
+    for (int place = 0; place < places; ++place) look_at(place * coarsest);
+    int step = coarsest;
+    do {
+      step /= 2;
+      for (int middle = -1; middle != best;) {
+        middle = best;
+        look_at(middle - step);
+        look_at(middle + step);
+      }
+    } while (step > 1 && likely(best) - std::min(likely(best - step), likely(best + step)) > hardly);
+    const Try &low = tried[best - step], &here = tried[best], &high = tried[best + step];
     const double below = low.match.log_likelihood, above = high.match.log_likelihood;
     const double bend = below - 2 * here.match.log_likelihood + above;
-    const double found = bend < 0 ? x + step * std::clamp(0.5 * (below - above) / bend, -0.5, 0.5) : x;
-    fit_.values[spec.name] = std::clamp(std::exp(found), spec.lower, spec.upper);
+    fit_.values[spec.name] =
+        value_at(bend < 0 ? best + step * std::clamp(0.5 * (below - above) / bend, -0.5, 0.5) : best);
     std::vector<double> slope;
     for (std::size_t r = 0; r < modes_.size(); ++r)
-      slope.push_back(here.match.slope[r] * std::log(high.units.power[r] / low.units.power[r]) / (2 * step));
+      slope.push_back(here.match.slope[r] * std::log(high.units.power[r] / low.units.power[r]) / (2 * step * finest));
     return slope;
   }
 

@@ -195,25 +195,29 @@ TEST(Screen, AStepAcrossALineIsFoundWithItsPlaceAndHeight) {
 }
 
 TEST(UnitMap, LengthAndStrengthOfAHiddenPatternAreReadOffIt) {
-  const FirstLook look({"one", {"fixed_pattern_noise"}, Strength::medium, 2});
-  const Hypotheses all = make_hypotheses(world().forward(), look.truth.start);
-  const auto pattern = std::find_if(all.tested.begin(), all.tested.end(),
-                                    [](const Hypothesis& h) { return h.effect == "fixed_pattern_noise"; });
-  ASSERT_NE(pattern, all.tested.end());
-  const auto& start = pattern->paths[0].atoms[0].values;
-  const auto units_of = [&](const SensorModel& model) {
-    return look.experiment.simulate(UnitMap::trials_of(look.rung, model, 7), "");
-  };
-  const auto without = units_of(look.rung.model);
-  const UnitMap map(look.experiment.layout(), look.rung, without,
-                    units_of(with_effect(look.rung.model, effect_catalogue(), pattern->effect, start)));
-  const UnitMapFit fit = fit_unit_map(look.experiment, look.rung, *pattern, start, map, without, 7);
-  const auto deviation = unit_map_deviations(look.experiment, look.rung, *pattern, fit, 7);
-  EXPECT_TRUE(fit.map.looks_random(look.rung.rest));
-  for (const auto& [name, value] : look.truth.hidden.at(0).values) {
-    ASSERT_TRUE(deviation.count(name)) << name;
-    EXPECT_LT(deviation.at(name), 0.3) << name;
-    EXPECT_NEAR(std::log(fit.values.at(name) / value), 0, 3 * deviation.at(name)) << name << " " << value;
+  // The second one is so strong that its neighbours among the lengths that are tried are far less likely, and that
+  // values fall on other steps with it than without.
+  for (const auto& [strength, seed] : {std::pair(Strength::medium, 2), std::pair(Strength::strong, 9943)}) {
+    const FirstLook look({"one", {"fixed_pattern_noise"}, strength, static_cast<std::uint64_t>(seed)});
+    const Hypotheses all = make_hypotheses(world().forward(), look.truth.start);
+    const auto pattern = std::ranges::find(all.tested, "fixed_pattern_noise", &Hypothesis::effect);
+    ASSERT_NE(pattern, all.tested.end());
+    const auto& start = pattern->paths[0].atoms[0].values;
+    const auto units_of = [&](const SensorModel& model) {
+      return look.experiment.simulate(UnitMap::trials_of(look.rung, model, 7), "");
+    };
+    const auto without = units_of(look.rung.model);
+    const UnitMap map(look.experiment.layout(), look.rung, without,
+                      units_of(with_effect(look.rung.model, effect_catalogue(), pattern->effect, start)));
+    const UnitMapFit fit = fit_unit_map(look.experiment, look.rung, *pattern, start, map, without, 7);
+    const auto deviation = unit_map_deviations(look.experiment, look.rung, *pattern, fit, 7);
+    EXPECT_TRUE(fit.map.looks_random(look.rung.rest)) << seed;
+    for (const auto& [name, value] : look.truth.hidden.at(0).values) {
+      ASSERT_TRUE(deviation.count(name)) << name;
+      EXPECT_LT(deviation.at(name), 0.3) << name;
+      EXPECT_NEAR(std::log(fit.values.at(name) / value), 0, 3 * deviation.at(name))
+          << seed << " " << name << " " << value;
+    }
   }
 }
 

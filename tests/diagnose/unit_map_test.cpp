@@ -193,6 +193,55 @@ TEST(UnitMap, AMatchTellsHowStrongAMapIs) {
   EXPECT_NEAR(match.log_scale, std::log(4), 0.35);
 }
 
+TEST(UnitMap, NoiseThatIsNewInEveryCaptureIsNoPartOfWhatUnitsShow) {
+  // As where a map moves values across steps of quantisation: what units change is noise, too, as strong as any.
+  const Stand stand;
+  constexpr double sigma_cells = 0.6;
+  std::vector<StatVector> without, with;
+  for (std::uint64_t k = 0; k < 4; ++k) {
+    without.push_back(StatVector(stand.layout.size, 0.f));
+    with.push_back(recording(smooth_map(700 + k, sigma_cells), 1, 750 + k));
+  }
+  const UnitMap map(stand.layout, stand.rung, without, with);
+  std::vector<Whitened> units;
+  for (const StatVector& one : with) units.push_back(stand.rung.standard.difference(one));
+  constexpr int recordings = 12;
+  double log_scale = 0;
+  for (std::uint64_t k = 0; k < recordings; ++k) {
+    const Whitened rest = stand.rest(recording(smooth_map(800 + k, sigma_cells), 1, 850 + k));
+    const auto segment = map.strongest(rest);
+    ASSERT_TRUE(segment.has_value());
+    log_scale += map.match(*segment, rest, map.spectrum_of_units(*segment, units)).log_scale / recordings;
+  }
+  // A map has 192 / (4 pi 0.6^2) = 42 independent values, so that a dozen and four know the power's logarithm to
+  // sqrt(2 / 504 + 2 / 168) = 0.125: two and a half standard deviations. With the noise in it, units have too much in
+  // the 150 other cosines, and the power is found a third too low.
+  EXPECT_NEAR(log_scale, 0, 0.31);
+}
+
+TEST(UnitMap, AMapInOneCornerIsNoRandomMapWhereCellsAreKnownUnequallyWell) {
+  // A quarter of the cells, strewn, knows a map three and a half times as well as the others: values of kurtosis 8.
+  const Stand stand;
+  const auto unequal = [](std::uint64_t unit) {
+    auto map = normals(cells, unit);
+    const RandomStream stream(3);
+    for (int i = 0; i < cells; ++i) map[i] *= stream.uniform(i) < 0.25 ? 2.5f : 0.7f;
+    return map;
+  };
+  std::vector<StatVector> without, with;
+  for (std::uint64_t k = 0; k < 4; ++k) {
+    without.push_back(StatVector(stand.layout.size, 0.f));
+    with.push_back(recording(unequal(900 + k), 1, 0));
+  }
+  const UnitMap map(stand.layout, stand.rung, without, with);
+  for (std::uint64_t k = 0; k < 10; ++k) {
+    EXPECT_TRUE(map.looks_random(stand.rest(recording(unequal(920 + k), 1, 9100 + k)))) << k;
+    auto corner = normals(cells, 940 + k);
+    for (int i = 0; i < cells; ++i) corner[i] *= i % cols < 4 && i / cols < 4 ? 4.f : 0.f;
+    EXPECT_FALSE(map.looks_random(stand.rest(recording(corner, 1, 9200 + k)))) << k;
+  }
+}
+
 TEST(UnitMap, ASpotIsNoScatterOfPixels) {
   // Units of which few cells stand out; then a recording in which as many stand out, but side by side.
   const Stand stand;
