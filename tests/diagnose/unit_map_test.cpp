@@ -196,27 +196,21 @@ TEST(UnitMap, AMatchTellsHowStrongAMapIs) {
 TEST(UnitMap, NoiseThatIsNewInEveryCaptureIsNoPartOfWhatUnitsShow) {
   // As where a map moves values across steps of quantisation: what units change is noise, too, as strong as any.
   const Stand stand;
-  constexpr double sigma_cells = 0.6;
   std::vector<StatVector> without, with;
   for (std::uint64_t k = 0; k < 4; ++k) {
     without.push_back(StatVector(stand.layout.size, 0.f));
-    with.push_back(recording(smooth_map(700 + k, sigma_cells), 1, 750 + k));
+    with.push_back(recording(smooth_map(700 + k, 1.2), 1, 750 + k));
   }
   const UnitMap map(stand.layout, stand.rung, without, with);
+  const auto segment = map.strongest(stand.rest(recording(smooth_map(800, 1.2), 1, 850)));
+  ASSERT_TRUE(segment.has_value());
   std::vector<Whitened> units;
   for (const StatVector& one : with) units.push_back(stand.rung.standard.difference(one));
-  constexpr int recordings = 12;
-  double log_scale = 0;
-  for (std::uint64_t k = 0; k < recordings; ++k) {
-    const Whitened rest = stand.rest(recording(smooth_map(800 + k, sigma_cells), 1, 850 + k));
-    const auto segment = map.strongest(rest);
-    ASSERT_TRUE(segment.has_value());
-    log_scale += map.match(*segment, rest, map.spectrum_of_units(*segment, units)).log_scale / recordings;
-  }
-  // A map has 192 / (4 pi 0.6^2) = 42 independent values, so that a dozen and four know the power's logarithm to
-  // sqrt(2 / 504 + 2 / 168) = 0.125: two and a half standard deviations. With the noise in it, units have too much in
-  // the 150 other cosines, and the power is found a third too low.
-  EXPECT_NEAR(log_scale, 0, 0.31);
+  // Of a map as smooth as that, the finest cosines hold next to nothing; of noise in eight captures, 1/8. What halves
+  // of them have in common by chance, in four units and some fifty cosines: 1/4 / sqrt(200) = 0.018.
+  const std::vector<double> power = map.spectrum_of_units(*segment, units).power;
+  EXPECT_LT(power.back(), 0.054);
+  EXPECT_GT(power.front(), 1);
 }
 
 TEST(UnitMap, AMapInOneCornerIsNoRandomMapWhereCellsAreKnownUnequallyWell) {
