@@ -58,7 +58,7 @@ std::vector<double> power_by_ring(const CosineTransform& squares, const Counts& 
   return power;
 }
 
-bool any(int, int) { return true; }
+constexpr auto any = [](const auto&...) { return true; };
 
 UnitMap::Spectrum spectrum_of(const std::vector<double>& map, int cols) {
   UnitMap::Spectrum spectrum;
@@ -189,10 +189,8 @@ UnitMap::UnitMap(const Layout& layout, const Rung& rung, const std::vector<StatV
           if (spread_[i] > 0) square += static_cast<double>(rest[i]) * rest[i], known += 1;
     if (known == 0 || square <= 0) continue;
     segment.noise = square / known;
-    segment.noise_spectrum = mean_spectrum(nulls.size(), [&](std::size_t k) {
-      double unused = 0;
-      return spectrum_of(map_of(segment, nulls[k], unused), segment.cols);
-    });
+    segment.noise_spectrum = mean_spectrum(
+        nulls.size(), [&](std::size_t k) { return spectrum_of(map_of(segment, nulls[k]), segment.cols); });
     segments_.push_back(std::move(segment));
     segments_.back().spectrum = spectrum_of_units(static_cast<int>(segments_.size()) - 1, change);
   }
@@ -202,8 +200,7 @@ UnitMap::Spectrum UnitMap::spectrum_of_units(int s, const std::vector<Whitened>&
   const Segment& segment = segments_[s];
   return mean_spectrum(change.size(), [&](std::size_t k) {
     const Whitened left = left_of(train_, test_, change[k]);
-    double unused = 0;
-    Spectrum spectrum = spectrum_of(map_of(segment, left, unused), segment.cols);
+    Spectrum spectrum = spectrum_of(map_of(segment, left), segment.cols);
     const auto& [one, other] = halves_of(segment, left);
     const std::vector<double> common =
         power_by_ring(transform(one, segment.cols).cwiseProduct(transform(other, segment.cols)), any, 1);
@@ -232,8 +229,7 @@ std::optional<int> UnitMap::strongest(const Whitened& rest) const {
 
 UnitMap::Match UnitMap::match(int s, const Whitened& rest, const Spectrum& units) const {
   const Segment& segment = segments_[s];
-  double unused = 0;
-  const Spectrum seen = spectrum_of(map_of(segment, rest, unused), segment.cols);
+  const Spectrum seen = spectrum_of(map_of(segment, rest), segment.cols);
   std::vector<double> modes = this->modes(s);
   const double least = least_of_strongest * *std::ranges::max_element(seen.power);
   for (std::size_t r = 0; r < modes.size(); ++r)
@@ -269,32 +265,40 @@ void UnitMap::sums(const Segment& segment, int cell, const Whitened& rest, const
   }
 }
 
-std::vector<double> UnitMap::map_of(const Segment& segment, const Whitened& rest, double& noise) const {
-  std::vector<double> map(segment.cells, 0);
-  noise = 0;
+template <typename Counts>
+void UnitMap::estimate(const Segment& segment, const Whitened& rest, const Counts& counts,
+                       std::vector<double>& map) const {
   for (int i = 0; i < segment.cells; ++i) {
     double b = 0, g = 0;
-    sums(
-        segment, i, rest, [](const Loading&) { return true; }, b, g);
-    if (g == 0) continue;
-    map[i] = b / g;
-    noise += segment.noise / g;
+    sums(segment, i, rest, counts, b, g);
+    if (g > 0) map[i] = b / g;
   }
+}
+
+std::vector<double> UnitMap::map_of(const Segment& segment, const Whitened& rest) const {
+  std::vector<double> map(segment.cells, 0);
+  estimate(segment, rest, any, map);
   return map;
 }
 
 std::array<std::vector<double>, 2> UnitMap::halves_of(const Segment& segment, const Whitened& rest) const {
-  double unused = 0;
-  const std::vector<double> by_all = map_of(segment, rest, unused);
+  const std::vector<double> by_all = map_of(segment, rest);
   std::array<std::vector<double>, 2> halves{by_all, by_all};
+  const Loading* first = segment.loadings.data();
   for (int half = 0; half < 2; ++half)
-    for (int i = 0; i < segment.cells; ++i) {
-      double b = 0, g = 0;
-      const auto is_in_half = [&](const Loading& loading) { return (&loading - segment.loadings.data()) % 2 == half; };
-      sums(segment, i, rest, is_in_half, b, g);
-      if (g > 0) halves[half][i] = b / g;
-    }
+    estimate(
+        segment, rest, [&](const Loading& loading) { return (&loading - first) % 2 == half; }, halves[half]);
   return halves;
+}
+
+double UnitMap::noise_in_map(const Segment& segment, const Whitened& rest) const {
+  double noise = 0;
+  for (int i = 0; i < segment.cells; ++i) {
+    double b = 0, g = 0;
+    sums(segment, i, rest, any, b, g);
+    if (g > 0) noise += segment.noise / g;
+  }
+  return noise;
 }
 
 UnitMap::Gain UnitMap::gain(const Whitened& train, const Whitened& test, const std::string& only_segment) const {
@@ -332,8 +336,7 @@ bool UnitMap::has_bands(const Whitened& rest) const {
   constexpr double clearly_bands = 16;
   constexpr double enough = 8;
   for (const Segment& segment : segments_) {
-    double unused = 0;
-    const auto map = map_of(segment, rest, unused);
+    const auto map = map_of(segment, rest);
     for (const Direction direction : {rows, columns}) {
       const CosineTransform squares = tapered_squares(map, segment.cols, direction);
       std::vector<double> expected = power_by_ring(
@@ -353,8 +356,7 @@ bool UnitMap::looks_random(const Whitened& rest) const {
   if (has_bands(rest)) return false;
   for (std::size_t s = 0; s < segments_.size(); ++s) {
     const Segment& segment = segments_[s];
-    double noise = 0;
-    const auto map = map_of(segment, rest, noise);
+    const auto map = map_of(segment, rest);
     const Match found = match(static_cast<int>(s), rest, segment.spectrum);
     for (const Direction direction : {rows, columns}) {
       const Banded &of_noise = segment.noise_spectrum.tapered[direction],
@@ -368,6 +370,7 @@ bool UnitMap::looks_random(const Whitened& rest) const {
       if (tracing()) fmt::print(stderr, "  unit map in {}: bands stand out by {:.1f}\n", segment.name, bands);
       if (bands > most_bands) return false;
     }
+    const double noise = noise_in_map(segment, rest);
     if (sum_of_squares(map) < 2 * noise) continue;  // too little of a map to judge it
     const double misfit = found.misfit;
     // What rings are expected to have is a mean over few units, and scatters, too.

@@ -68,13 +68,14 @@ class UnitMap {
     double log_scale = 0;       ///< logarithm of its power over theirs, the most likely one
     double log_likelihood = 0;  ///< at that (Whittle)
     std::vector<double> slope;  ///< by ring, of log(expected power) with log_scale; 0 where a ring does not count
-    double misfit = 0;          ///< what rings are away from it: chi-square of as many degrees of freedom as rings
+    double misfit = 0;  ///< what rings are away from it: chi-square of at most as many degrees of freedom as rings
   };
   /// The segment in which an unknown map explains most of a residual (all captures); none if it explains nothing.
   std::optional<int> strongest(const Whitened& rest) const;
   /// Of what units change, whichever it was learned from; nuisances take of it what they take of a measurement.
-  /// `segment`: of `strongest`. Kurtosis and power are means over the units. Power is what halves of the captures have
-  /// in common: noise that a map lets come out otherwise (by a step of quantisation, a hole) is no part of it.
+  /// `segment`: of `strongest`. Kurtosis and power are means over the units. Power is the cross-spectrum of two maps,
+  /// each by half of the captures: noise that a map lets come out otherwise (by a step of quantisation, a hole) is no
+  /// part of it.
   Spectrum spectrum_of_units(int segment, const std::vector<Whitened>& change) const;
   /// `rest`: Explained::rest, all captures; `units`: of spectrum_of_units in the same segment. Rings that have less
   /// than a thousandth of the strongest one's power count for nothing: what leaks into them from the border is known
@@ -109,11 +110,16 @@ class UnitMap {
     Spectrum noise_spectrum;  // of a map where there is none
     Spectrum spectrum;
   };
-  /// Estimates of a map, cell by cell; 0 where nothing is known. `noise`: what chance adds to the sum of their squares.
-  std::vector<double> map_of(const Segment& segment, const Whitened& rest, double& noise) const;
+  /// Estimates of a map, cell by cell; 0 where nothing is known.
+  std::vector<double> map_of(const Segment& segment, const Whitened& rest) const;
   /// The same by every other capture each, so that what is new in each capture is not common to the two; by all where
   /// one of the two knows nothing.
   std::array<std::vector<double>, 2> halves_of(const Segment& segment, const Whitened& rest) const;
+  /// What chance adds to the sum of the squares of map_of.
+  double noise_in_map(const Segment& segment, const Whitened& rest) const;
+  /// Sets the cells of which the captures that count (of their Loading) know something.
+  template <typename Counts>
+  void estimate(const Segment& segment, const Whitened& rest, const Counts& counts, std::vector<double>& map) const;
   /// Sums over the captures that count (of their Loading) of loading times residual and of loading squared, for one
   /// cell.
   template <typename Counts>
