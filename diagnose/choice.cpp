@@ -60,7 +60,8 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
   // Where nothing is unexplained any more, it may be twice that: masks do not come back to where they were.
   const bool explains_all = !before.unexplained.empty() && after.unexplained.empty();
   // Where poses and lens alone are off, whatever blurs the statistics lets them come back.
-  const bool blurs = rise >= hardly_worse && std::ranges::all_of(before.unexplained, [](const auto& left) {
+  const bool blurs = rise >= (explains_all ? clearly_lower : hardly_worse) &&
+                     std::ranges::all_of(before.unexplained, [](const auto& left) {
                        return left.first == "poses" || left.first == "intrinsics";
                      });
   const bool gets_worse =

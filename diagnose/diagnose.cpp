@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <opencv2/core/mat.hpp>
 
+#include "diagnose/capture_by_capture.h"
 #include "diagnose/climb.h"
 #include "diagnose/intervals.h"
 #include "diagnose/last_step.h"
@@ -60,6 +61,9 @@ class Findings {
   void write() {
     judge_last();
     report();
+    for (std::size_t k = 0; k < diagnosis_.candidates.size(); ++k)
+      climbed_.evidence.accepted[k].doubtful = diagnosis_.candidates[k].doubtful();
+    diagnosis_.verdict = judge(climbed_.evidence);
   }
 
  private:
@@ -81,13 +85,29 @@ class Findings {
       diagnosis_.unexplained.push_back(entry);
     }
     climbed_.evidence.unexplained_segments.assign(unexplained.begin(), unexplained.end());
-    if (!unexplained.contains("bias") && bias_goes_with_something(experiment_, climbed_.rungs.back(), measured_.all)) {
+    const bool differs = mark_what_differs();
+    if (!unexplained.contains("bias") &&
+        (differs || bias_goes_with_something(experiment_, climbed_.rungs.back(), measured_.all))) {
       climbed_.evidence.screen_finds_something = true;
       for (const auto& fit : fits)
         if (fit.segment == "bias" && !fit.train) diagnosis_.unexplained.push_back({fit.group, fit.segment, fit.ratio});
     }
-    diagnosis_.verdict = judge(climbed_.evidence);
     screen(experiment_, climbed_.rungs.back(), measured_.all, diagnosis_.unexplained);
+  }
+
+  /// Marks what was added and is wanted otherwise by each capture. True if there is any.
+  bool mark_what_differs() {
+    bool any = false;
+    for (CandidateReport& candidate : diagnosis_.candidates) {
+      const WantedOtherwise wanted =
+          wanted_otherwise(experiment_.layout(), climbed_.rungs.back(), candidate.id, "bias");
+      if (tracing())
+        fmt::print(stderr, "{} wanted otherwise: {:.0f}, by chance {:.0f} +- {:.1f}\n", candidate.id, wanted.square,
+                   wanted.by_chance, wanted.deviation);
+      candidate.differs = wanted.significant();
+      any = any || candidate.differs;
+    }
+    return any;
   }
 
   /// What stands out on captures held out alone may be a mask of which train says too little: no finding.
@@ -129,6 +149,10 @@ class Findings {
     rung.model = step.model;
     rung.fit.value = step.value;
     rung.fit.half_interval = step.half_interval();
+    // What simulations rule out below is asked with targets anywhere: that nothing would do as well is no doubt there.
+    for (CandidateReport& candidate : diagnosis_.candidates)
+      candidate.may_be_nothing =
+          may_be_nothing(rung.fit, rung.fit.half_interval, candidate.id, *catalogue_.find(candidate.effect));
     // Where something else is missing, what simulations rule out is no more than what slopes say.
     if (rung.dispersion <= far_off) widen(rung, step);
   }

@@ -84,6 +84,9 @@ struct CandidateReport {
   std::vector<AdvisedCapture> would_separate;  ///< that, simulated, tell it from those of told_from; best first
   std::vector<std::string> told_from;          ///< all of confounded_with, or one of them
   bool sought_captures = false;                ///< that would
+  bool differs = false;         ///< captures contradict each other about it: it stands for something else
+  bool may_be_nothing = false;  ///< the interval of its strength holds the value at which it does nothing
+  bool doubtful() const { return differs || may_be_nothing; }
   bool read_off = false;  ///< a step whose value is that of the recorded values' own, whatever else is missing
 };
 

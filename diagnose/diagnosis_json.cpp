@@ -70,6 +70,8 @@ std::string diagnosis_json(const Diagnosis& diagnosis) {
       if (value.ci95) p["ci95"] = {number((*value.ci95)[0]), number((*value.ci95)[1])};
       entry["parameters"][parameter.name] = p;
     }
+    entry["differs_between_captures"] = candidate.differs;
+    entry["may_be_nothing"] = candidate.may_be_nothing;
     entry["read_off_the_values"] = candidate.read_off;
     entry["confounded_with"] = candidate.confounded_with;
     if (candidate.sought_captures) {

@@ -25,7 +25,7 @@ Verdict judge(const Evidence& evidence) {
   if (!evidence.unexplained_segments.empty() || evidence.screen_finds_something) return Verdict::unknown_effect;
   const auto& accepted = evidence.accepted;
   if (std::any_of(accepted.begin(), accepted.end(),
-                  [](const Evidence::Accepted& a) { return a.map && !a.map_looks_random; }))
+                  [](const Evidence::Accepted& a) { return a.doubtful || (a.map && !a.map_looks_random); }))
     return Verdict::unknown_effect;
   if (accepted.empty()) return Verdict::nothing_missing;
   if (std::any_of(accepted.begin(), accepted.end(), [](const Evidence::Accepted& a) { return !a.rivals.empty(); }))

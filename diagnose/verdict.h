@@ -19,6 +19,8 @@ struct Evidence {
     bool map = false;                 ///< declared as a per-unit map, which fits anything static
     bool map_looks_random = true;     ///< stationary and Gaussian (masks: spatially random)
     std::vector<std::string> rivals;  ///< that the data cannot tell from it
+    /// Captures contradict each other about it, or its strength may as well be nothing: what helped is something else.
+    bool doubtful = false;
   };
   std::vector<Accepted> accepted;
   /// Segments whose residual is beyond what the fitted model's own randomness explains, after all known effects are in.
@@ -28,7 +30,8 @@ struct Evidence {
 };
 
 /// not_enough_data before all; then unknown_effect where anything stays unexplained (a catalogue name is then only the
-/// nearest) or an accepted map has a shape; then nothing_missing, confounded, missing_effect.
+/// nearest), an accepted map has a shape or an accepted effect is doubtful; then nothing_missing, confounded,
+/// missing_effect.
 Verdict judge(const Evidence& evidence);
 
 }  // namespace binrig

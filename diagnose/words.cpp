@@ -21,13 +21,13 @@ std::string fall(const Diagnosis& diagnosis) {
   if (diagnosis.ladder.size() < 2) return "";
   const Score &before = diagnosis.ladder.front().score, &after = diagnosis.ladder.back().score;
   const char* them = diagnosis.ladder.size() == 2 ? "it" : "them";
+  const std::string from = times(before.heldout), to = times(after.heldout);
   std::string text =
-      after.heldout < before.heldout
-          ? fmt::format("adding {} takes the error on captures held out from {:.2g} to {:.2g} (the floor is 1)", them,
-                        before.heldout, after.heldout)
+      after.heldout < before.heldout && from != to
+          ? fmt::format("adding {} takes the error on captures held out from {} to {} (the floor is 1)", them, from, to)
           : fmt::format(
                 "with {} the recording is likelier, but the error on captures held out stays where it was "
-                "({:.3g}, then {:.3g}; the floor is 1)",
+                "({:#.3g}, then {:#.3g}; the floor is 1)",
                 them, before.heldout, after.heldout);
   if (after.bias_rms_mm < 0.7 * before.bias_rms_mm)
     text += fmt::format(", their mean depth error from {:.2g} to {:.2g} mm", before.bias_rms_mm, after.bias_rms_mm);
@@ -68,23 +68,37 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
     case Verdict::unknown_effect: {
       const std::string where = segments.empty() ? "" : "; it shows in " + list(segments);
       const bool looked = names.empty() || !diagnosis.as_many_as_allowed;
-      if (!names.empty() && share_explained(diagnosis) > most_of_it) {
+      std::vector<std::string> firm;
+      for (const auto& candidate : diagnosis.candidates)
+        if (!candidate.doubtful()) firm.push_back(candidate.effect);
+      if (!firm.empty() && share_explained(diagnosis) > most_of_it) {
         diagnosis.headline = fmt::format(
-            "Most of what is missing looks like {}: {}. {}{}.", list(names), fall(diagnosis),
+            "Most of what is missing looks like {}: {}. {}{}.", list(firm), fall(diagnosis),
             looked ? "What is left no known effect explains" : "Something is left, and no others were to be added",
             where);
-        for (const auto& name : names) describe(name);
+        for (const auto& name : firm) describe(name);
         diagnosis.reasons.push_back(fmt::format(
-            "Whatever the rest is may have bent the values found for {}, beyond their intervals.", list(names)));
-        break;
+            "Whatever the rest is may have bent the values found for {}, beyond their intervals.", list(firm)));
+      } else {
+        diagnosis.headline =
+            looked ? fmt::format("Something is missing that no known effect explains{}.", where)
+                   : fmt::format("More is missing than {}, and no others were to be added{}.", list(names), where);
+        if (!names.empty())
+          diagnosis.reasons.push_back(fmt::format("The nearest known {} {}: {}. Do not take {} for the cause.",
+                                                  names.size() == 1 ? "effect is" : "effects are", list(names),
+                                                  fall(diagnosis), names.size() == 1 ? "it" : "them"));
       }
-      diagnosis.headline =
-          looked ? fmt::format("Something is missing that no known effect explains{}.", where)
-                 : fmt::format("More is missing than {}, and no others were to be added{}.", list(names), where);
-      if (!names.empty())
-        diagnosis.reasons.push_back(fmt::format("The nearest known {} {}: {}. Do not take {} for the cause.",
-                                                names.size() == 1 ? "effect is" : "effects are", list(names),
-                                                fall(diagnosis), names.size() == 1 ? "it" : "them"));
+      for (const auto& candidate : diagnosis.candidates) {
+        if (candidate.differs)
+          diagnosis.reasons.push_back(fmt::format(
+              "{}: captures contradict each other about it, each wants it stronger or weaker, shifted or wider than "
+              "the others do: it stands for something else.",
+              candidate.effect));
+        else if (candidate.may_be_nothing)
+          diagnosis.reasons.push_back(fmt::format(
+              "{}: was added, but its strength may as well be nothing: it is what was fitted with it that helped.",
+              candidate.effect));
+      }
       break;
     }
     case Verdict::not_enough_data:

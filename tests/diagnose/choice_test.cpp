@@ -151,6 +151,13 @@ TEST(MakesBetter, WherePosesAloneAreOffABlurThatLetsThemComeBackIsNone) {
   EXPECT_TRUE(makes_better({1.194, -3.0283, poses, 0.91}, {1.195, -3.0283, fewer, 0.90}, {.happens_or_not = true}));
 }
 
+TEST(MakesBetter, WhatBringsAllPosesBackMayRaiseTheProperScoreByLess) {
+  const Left before{1.138, -3.791, {{"poses", true}, {"poses", false}}, 0.964};  // targets that move, and a delay
+  EXPECT_TRUE(makes_better(before, {0.968, -3.787, {}, 0.961}, {}));
+  EXPECT_FALSE(makes_better(before, {0.968, -3.787, {{"poses", false}}, 0.961}, {}));
+  EXPECT_FALSE(makes_better(before, {0.968, -3.780, {}, 0.961}, {})) << "a blur";
+}
+
 TEST(MakesBetter, WhatDrawsHasToLowerTheProperScore) {
   const Left before{1.13, -3.012, {{"comb", true}}, 1.13};
   EXPECT_TRUE(makes_better(before, {1.08, -2.988, {{"comb", true}}, 1.08}, {}));

@@ -39,6 +39,11 @@ TEST(Verdict, AMapWithAShapeIsNoRandomMap) {
   EXPECT_EQ(judge(with({{"a", true, false, {}}})), Verdict::unknown_effect);
 }
 
+TEST(Verdict, AnEffectThatIsDoubtfulIsNotTheCause) {
+  EXPECT_EQ(judge(with({{"a", false, true, {}}, {"b", false, true, {}, true}})), Verdict::unknown_effect);
+  EXPECT_EQ(judge(with({{"a", false, true, {"c"}, true}})), Verdict::unknown_effect) << "nor is what looks like it";
+}
+
 TEST(Verdict, WithoutDataNothingIsNamed) {
   Evidence evidence = with({{"a", false, true, {}}});
   evidence.unexplained_segments = {"bias"};

@@ -48,6 +48,45 @@ TEST(Words, AnErrorThatDoesNotFallIsNotSoldAsAFall) {
   EXPECT_THAT(diagnosis.headline, HasSubstr("stays where it was (3.14, then 3.16"));
 }
 
+TEST(Words, AFallThatTheDigitsDoNotShowIsNoFall) {
+  Diagnosis diagnosis = one_added(0.08, 0.08);  // noise in a small spot
+  diagnosis.ladder[0].score.heldout = 1.103;
+  diagnosis.ladder[1].score.heldout = 1.098;
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_THAT(diagnosis.headline, HasSubstr("stays where it was (1.10, then 1.10"));
+}
+
+TEST(Words, ALargeErrorIsNoPowerOfTen) {
+  Diagnosis diagnosis = one_added(0.61, 0.08);
+  diagnosis.ladder[0].score.heldout = 123.4;
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_THAT(diagnosis.headline, HasSubstr("from 123 to 1 "));
+}
+
+TEST(Words, AnEffectThatCapturesContradictEachOtherAboutStandsForSomethingElse) {
+  Diagnosis diagnosis = one_added(0.61, 0.08);
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_THAT(diagnosis.reasons, Not(Contains(HasSubstr("contradict"))));
+  diagnosis.verdict = Verdict::unknown_effect;
+  diagnosis.candidates[0].differs = true;
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_THAT(diagnosis.reasons, Contains(HasSubstr("depth_offset: captures contradict each other")));
+  EXPECT_THAT(diagnosis.headline, Not(HasSubstr("depth_offset"))) << "it is not the cause";
+}
+
+TEST(Words, WhatMayAsWellBeNothingIsNotInTheHeadline) {
+  Diagnosis diagnosis = one_added(0.61, 0.08);
+  diagnosis.verdict = Verdict::unknown_effect;
+  diagnosis.candidates.resize(2);
+  diagnosis.candidates[1].effect = diagnosis.candidates[1].id = "noise_bumps";
+  diagnosis.candidates[1].may_be_nothing = true;
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_THAT(diagnosis.headline, HasSubstr("Most of what is missing looks like depth_offset:"));
+  EXPECT_THAT(diagnosis.headline, Not(HasSubstr("noise_bumps")));
+  EXPECT_THAT(diagnosis.reasons,
+              Contains(HasSubstr("noise_bumps: was added, but its strength may as well be nothing")));
+}
+
 TEST(Words, WhatNoHeldOutCaptureShowsIsSaidWithTheCaptureToRecord) {
   Diagnosis diagnosis;
   diagnosis.verdict = Verdict::unknown_effect;

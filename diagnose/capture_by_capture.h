@@ -1,0 +1,27 @@
+// Whether an effect that was added is the same in every capture.
+#pragma once
+
+#include <string>
+
+#include "diagnose/rung.h"
+
+namespace binrig {
+
+/// What the model leaves of a segment, capture by capture along the derivatives of one instance's parameters: how much
+/// each capture by itself wants that effect stronger, shifted or wider. An effect that is there is the same in all; one
+/// that stands for something else is wanted otherwise from capture to capture, now this way, now that, so that no
+/// covariate tells.
+struct WantedOtherwise {
+  double square = 0;     ///< of the parts of the whitened residual along the derivatives, summed over the captures
+  double by_chance = 0;  ///< the same, mean over the model's own simulations
+  double deviation = 0;  ///< standard deviation of those
+  double excess() const { return square - by_chance; }
+  /// Beyond chance by six standard deviations.
+  bool significant() const { return excess() > 6 * deviation; }
+};
+
+/// `rung`: with its nulls. All 0 where the effect does nothing to the segment.
+WantedOtherwise wanted_otherwise(const Layout& layout, const Rung& rung, const std::string& id,
+                                 const std::string& segment);
+
+}  // namespace binrig
