@@ -1,6 +1,7 @@
 // Whether an effect that was added is the same in every capture.
 #pragma once
 
+#include <algorithm>
 #include <string>
 
 #include "diagnose/rung.h"
@@ -15,9 +16,9 @@ struct WantedOtherwise {
   double square = 0;     ///< of the parts of the whitened residual along the derivatives, summed over the captures
   double by_chance = 0;  ///< the same, mean over the model's own simulations
   double deviation = 0;  ///< standard deviation of those
-  double excess() const { return square - by_chance; }
-  /// Beyond chance by six standard deviations.
-  bool significant() const { return excess() > 6 * deviation; }
+  /// Beyond chance by six standard deviations, and by what could count for anything: where poses make up for an effect,
+  /// next to nothing of it is left to scatter.
+  bool significant() const { return square - by_chance > std::max(6 * deviation, 20.0); }
 };
 
 /// `rung`: with its nulls. All 0 where the effect does nothing to the segment.

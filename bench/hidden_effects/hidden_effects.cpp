@@ -55,7 +55,7 @@ class Scenes {
 
 int run(int argc, char** argv) {
   Plan plan;
-  std::string out, summary_out, set;
+  std::string out, summary_out, table_out, set;
   std::vector<std::string> strengths{"medium"};
   bool improve = false;
   double time_limit_s = 1e9;
@@ -66,6 +66,7 @@ int run(int argc, char** argv) {
       ->required();
   app.add_option("--set", set, "recording set whose scenes are recorded anew; default: the small campaign");
   app.add_option("--summary", summary_out, "JSON of the summary");
+  app.add_option("--table", table_out, "Markdown of all answers");
   app.add_option("--effects", plan.effects, "only these; also such as the catalogue does not have")->delimiter(',');
   app.add_option("--strength", strengths, "weak, medium, strong")
       ->delimiter(',')
@@ -135,6 +136,7 @@ int run(int argc, char** argv) {
   const nlohmann::json summary = summary_of(chosen);
   fmt::print("{}", summary_text(summary));
   if (!summary_out.empty()) write_file_atomically(summary_out, summary.dump(1) + "\n");
+  if (!table_out.empty()) write_file_atomically(table_out, table_of(chosen));
   return 0;
 }
 

@@ -66,6 +66,15 @@ nlohmann::json line_of(const Case& c, const Truth& truth, const std::vector<doub
 nlohmann::json summary_of(const std::vector<nlohmann::json>& lines);
 std::string summary_text(const nlohmann::json& summary);
 
+/// Every answer as Markdown: one row an effect with a cell a strength (names in order, wrong ones in bold; the held-out
+/// score step by step; how many intervals held), then pairs, effects of no catalogue, and recordings with nothing
+/// hidden.
+std::string table_of(const std::vector<nlohmann::json>& lines);
+
+/// How many of the 95 % intervals that were given for hidden effects hold the truth, and how many were given. Phases
+/// are what they are modulo 2 pi.
+std::pair<int, int> intervals_held(const nlohmann::json& line);
+
 /// Exact two-sided 95 % interval of a share.
 std::pair<double, double> exact_interval(int successes, int trials);
 

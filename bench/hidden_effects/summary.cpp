@@ -1,6 +1,8 @@
 // Counting what the diagnosis answered.
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <optional>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -37,6 +39,15 @@ bool within_group(const nlohmann::json& line, const std::string& name) {
                      [&](const auto& other) { return other == name; });
 }
 
+/// Does the interval of a value hold the truth? None if there is no interval.
+std::optional<bool> holds(const ParameterSpec& spec, const nlohmann::json& number, double truth) {
+  if (!number.contains("ci95")) return {};
+  const double low = number["ci95"][0], high = number["ci95"][1];
+  if (spec.kind == ParameterKind::phase)
+    truth += 2 * std::numbers::pi * std::round((0.5 * (low + high) - truth) / (2 * std::numbers::pi));
+  return low <= truth && truth <= high;
+}
+
 double median(std::vector<double> values) {
   if (values.empty()) return 0;
   std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
@@ -44,6 +55,20 @@ double median(std::vector<double> values) {
 }
 
 }  // namespace
+
+std::pair<int, int> intervals_held(const nlohmann::json& line) {
+  std::pair<int, int> result{0, 0};
+  for (const auto& candidate : line["candidates"]) {
+    const std::string name = candidate["effect"];
+    if (!candidate.contains("parameters") || !line["truth"].contains(name)) continue;
+    const EffectDeclaration* effect = effect_catalogue().find(name);
+    if (!effect) continue;
+    for (const auto& [parameter, number] : candidate["parameters"].items())
+      if (const auto inside = holds(*effect->parameter(parameter), number, line["truth"][name][parameter]))
+        result.first += *inside, result.second += 1;
+  }
+  return result;
+}
 
 std::pair<double, double> exact_interval(int successes, int trials) {
   // Clopper and Pearson, Biometrika 26 (1934): quantiles of beta distributions, by bisection.
@@ -107,11 +132,10 @@ nlohmann::json summary_of(const std::vector<nlohmann::json>& lines) {
         const EffectDeclaration* effect = effect_catalogue().find(name);
         for (const auto& [parameter, number] : candidate["parameters"].items()) {
           const double truth = line["truth"][name][parameter], value = number["value"];
-          const bool inside =
-              number.contains("ci95") && number["ci95"][0] <= truth && truth <= number["ci95"][1].get<double>();
-          all_covered.count(inside);
+          const auto inside = holds(*effect->parameter(parameter), number, truth);
+          if (inside) all_covered.count(*inside);
           if (parameter != effect->amplitude) continue;
-          amplitude_covered.count(inside);
+          if (inside) amplitude_covered.count(*inside);
           errors[strength].push_back(std::abs(value - truth) / std::abs(truth));
         }
       }
