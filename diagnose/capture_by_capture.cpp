@@ -4,7 +4,6 @@
 
 #include <Eigen/Eigenvalues>
 
-#include "core/parallel.h"
 #include "diagnose/last_step.h"
 #include "diagnose/unit_map.h"
 
@@ -31,8 +30,7 @@ Eigen::MatrixXf directions_in(const Block& block, const std::vector<Whitened>& s
 
 }  // namespace
 
-WantedOtherwise wanted_otherwise(const Layout& layout, const Rung& rung, const std::string& id,
-                                 const std::string& segment) {
+WantedOtherwise wanted_otherwise(const Layout& layout, const Rung& rung, const std::string& id) {
   std::vector<Whitened> slopes;
   for (std::size_t p = 0; p < rung.fit.parameters.size(); ++p) {
     const FitParameter& parameter = rung.fit.parameters[p];
@@ -43,7 +41,7 @@ WantedOtherwise wanted_otherwise(const Layout& layout, const Rung& rung, const s
   if (slopes.empty()) return {};
   std::vector<std::pair<int, Eigen::MatrixXf>> by_block;  // offset
   for (const Block& block : layout.blocks)
-    if (segments()[block.segment].name == segment) by_block.emplace_back(block.offset, directions_in(block, slopes));
+    if (segments()[block.segment].name == "bias") by_block.emplace_back(block.offset, directions_in(block, slopes));
   const auto square_of = [&](const Whitened& rest) {
     double square = 0;
     for (const auto& [offset, directions] : by_block)

@@ -8,7 +8,7 @@
 
 namespace binrig {
 
-/// What the model leaves of a segment, capture by capture along the derivatives of one instance's parameters: how much
+/// What the model leaves of the bias, capture by capture along the derivatives of one instance's parameters: how much
 /// each capture by itself wants that effect stronger, shifted or wider. An effect that is there is the same in all; one
 /// that stands for something else is wanted otherwise from capture to capture, now this way, now that, so that no
 /// covariate tells.
@@ -21,8 +21,7 @@ struct WantedOtherwise {
   bool significant() const { return square - by_chance > std::max(6 * deviation, 20.0); }
 };
 
-/// `rung`: with its nulls. All 0 where the effect does nothing to the segment.
-WantedOtherwise wanted_otherwise(const Layout& layout, const Rung& rung, const std::string& id,
-                                 const std::string& segment);
+/// `rung`: with its nulls. All 0 where the effect moves no bias.
+WantedOtherwise wanted_otherwise(const Layout& layout, const Rung& rung, const std::string& id);
 
 }  // namespace binrig

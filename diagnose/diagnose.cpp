@@ -99,8 +99,7 @@ class Findings {
   bool mark_what_differs() {
     bool any = false;
     for (CandidateReport& candidate : diagnosis_.candidates) {
-      const WantedOtherwise wanted =
-          wanted_otherwise(experiment_.layout(), climbed_.rungs.back(), candidate.id, "bias");
+      const WantedOtherwise wanted = wanted_otherwise(experiment_.layout(), climbed_.rungs.back(), candidate.id);
       if (tracing())
         fmt::print(stderr, "{} wanted otherwise: {:.0f}, by chance {:.0f} +- {:.1f}\n", candidate.id, wanted.square,
                    wanted.by_chance, wanted.deviation);

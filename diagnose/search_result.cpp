@@ -44,8 +44,12 @@ std::vector<const Refined*> SearchResult::accepted(const SearchOptions& options)
 }
 
 const Refined* SearchResult::happening(const SearchOptions& options) const {
-  const auto most = std::ranges::max_element(refined, {}, &Refined::linear_gain);
-  return most != refined.end() && happens_beyond_doubt(*most, options) ? &*most : nullptr;
+  // The mean of a capture has more noise than expected where frames are repeated. That looks like a map drawn anew in
+  // each capture, of which there may be none.
+  const Refined* most = nullptr;
+  for (const Refined& candidate : refined)
+    if (!candidate.draws && (!most || candidate.linear_gain > most->linear_gain)) most = &candidate;
+  return most && happens_beyond_doubt(*most, options) ? most : nullptr;
 }
 
 std::vector<const Refined*> SearchResult::unproven(const SearchOptions& options) const {

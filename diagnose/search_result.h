@@ -84,8 +84,9 @@ struct SearchResult {
   std::set<std::string> no_maps;                ///< effects whose map, fitted, did not look random; Standing's, too
   /// Those that are certain, or significant on train and confirmed on test, best first.
   std::vector<const Refined*> accepted(const SearchOptions& options) const;
-  /// What happens or not, if its signatures are beyond doubt and gain more than those of any other: beside it no fit of
-  /// another means anything, since its randomness is in neither. Null if there is none.
+  /// What happens or not, if its signatures are beyond doubt and gain more than those of any other but of such as draw a
+  /// map in each capture: beside it no fit of another means anything, since its randomness is in neither. Null if there
+  /// is none.
   const Refined* happening(const SearchOptions& options) const;
   /// Those that are beyond doubt on train and show on test, but explain nothing there as long as the model's other
   /// parameters stay where they were bent to without them. And those of which the signatures are beyond doubt, but that

@@ -20,7 +20,7 @@ WantedOtherwise wanted_by(double turns) {
   SensorModel truth = noise_alone(0.3);
   add_effect(truth, effect_catalogue(), moving.effects.at(0));
   const Case c(truth, model_with("column_banding", {{"amplitude", 0.2}, {"period", 45}, {"phase", 0}}));
-  return wanted_otherwise(c.experiment.layout(), c.fitted({.simulations = 24}), "column_banding", "bias");
+  return wanted_otherwise(c.experiment.layout(), c.fitted({.simulations = 24}), "column_banding");
 }
 
 TEST(CaptureByCapture, BandsThatAreTheSameInAllCapturesAreWantedAsTheyAre) {

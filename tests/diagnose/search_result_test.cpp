@@ -130,6 +130,8 @@ TEST(SearchResult, WhatHappensOrNotIsTriedWhereItsSignaturesAreBeyondDoubt) {
   EXPECT_EQ(both.happening(options), &both.refined[0]);
   both.refined[1].linear_gain = 501;
   EXPECT_EQ(both.happening(options), nullptr);
+  both.refined[1].draws = true;  // a map in each capture, which fewer frames in its mean look like
+  EXPECT_EQ(both.happening(options), &both.refined[0]);
   for (const Refined& other : {steady, doubtful, unseen}) EXPECT_EQ(with_one(other).happening(options), nullptr);
 }
 
