@@ -63,8 +63,9 @@ struct Addition {
 /// one is no improvement, nor is what draws and raises the proper one, or what raises it (0.0025; 0.01 if
 /// nothing stays unexplained) where nothing but poses or the lens is unexplained. Where nothing stays unexplained, the
 /// least that the proper one falls by is enough. So it is for an effect that had not proved itself, at the floor;
-/// elsewhere that has to take a quarter of what is left. Where poses or intrinsics had gone further than the statistics say, to make up for something missing, they may
-/// go on: then it has to take half of what is left of the statistics, and lower the proper score.
+/// elsewhere that has to take a quarter of what is left. Where poses or intrinsics had gone further than the statistics
+/// say, to make up for something missing, they may go on: then it has to take half of what is left of the statistics,
+/// and lower the proper score.
 bool makes_better(const Left& before, const Left& after, const Addition& addition);
 
 /// Does the other leave so much less that it is to take the place of the one in the model: by the proper score (0.01)

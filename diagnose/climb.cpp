@@ -5,6 +5,7 @@
 #include <map>
 #include <numeric>
 #include <optional>
+#include <ranges>
 #include <set>
 #include <tuple>
 #include <utility>
@@ -413,9 +414,10 @@ class Climb {
       std::tie(before, after) =
           left_by(climbed_.rungs[climbed_.rungs.size() - 2], climbed_.rungs.back(), addition.draws);
       if (tracing())
-        fmt::print(stderr, "  {} added: held-out {:.4f} ({:.4f}) -> {:.4f} ({:.4f}), proper {:.4f} -> {:.4f}\n",
+        fmt::print(stderr,
+                   "  {} added: held-out {:.4f} ({:.4f}) -> {:.4f} ({:.4f}), proper {:.4f} -> {:.4f}, left: {}\n",
                    best.effect, before.heldout, before.statistics, after.heldout, after.statistics, before.proper_score,
-                   after.proper_score);
+                   after.proper_score, fmt::join(after.unexplained | std::views::keys, ", "));
       return makes_better(before, after, addition);
     };
     if (improves()) return true;
