@@ -367,6 +367,12 @@ class Climb {
     if (named && unexplained(experiment_.layout(), rung).empty()) return;  // there is nothing that it could do better
     InPlace instead = in_place_of({candidate.id}, other);
     if (takes_the_place(instead.before, instead.after)) {
+      // It was fitted when more was missing: fitted anew it may be as good.
+      InPlace anew = in_place_of({candidate.id}, others_[k].added);
+      if (!takes_the_place(anew.after, instead.after)) {
+        put_in_place(k, std::move(anew), "its first fit");
+        return;
+      }
       put_in_place(k, std::move(instead), candidate.effect);
       others_[k] = {other, {}, true};
       return;

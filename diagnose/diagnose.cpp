@@ -85,9 +85,8 @@ class Findings {
       diagnosis_.unexplained.push_back(entry);
     }
     climbed_.evidence.unexplained_segments.assign(unexplained.begin(), unexplained.end());
-    const bool differs = mark_what_differs();
     if (!unexplained.contains("bias") &&
-        (differs || bias_goes_with_something(experiment_, climbed_.rungs.back(), measured_.all))) {
+        (mark_what_differs() || bias_goes_with_something(experiment_, climbed_.rungs.back(), measured_.all))) {
       climbed_.evidence.screen_finds_something = true;
       for (const auto& fit : fits)
         if (fit.segment == "bias" && !fit.train) diagnosis_.unexplained.push_back({fit.group, fit.segment, fit.ratio});
@@ -95,7 +94,8 @@ class Findings {
     screen(experiment_, climbed_.rungs.back(), measured_.all, diagnosis_.unexplained);
   }
 
-  /// Marks what was added and is wanted otherwise by each capture. True if there is any.
+  /// Marks what was added and is wanted otherwise by each capture; to be asked where the bias seems explained, or what
+  /// else is missing would pass for contradictions. True if there is any.
   bool mark_what_differs() {
     bool any = false;
     for (CandidateReport& candidate : diagnosis_.candidates) {

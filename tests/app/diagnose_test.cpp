@@ -140,6 +140,7 @@ TEST(ImproveInstrument, TheImperfectionIsTheFirstName) {
   const json diagnosis = read_json(folder / "out/diagnosis.json");
   ASSERT_EQ(diagnosis["candidates"].size(), 1u) << run.output;
   EXPECT_EQ(diagnosis["candidates"][0]["effect"], "radial_distortion");
+  EXPECT_FALSE(diagnosis["candidates"][0]["differs_between_captures"]) << "what else is missing is no contradiction";
   EXPECT_NEAR(diagnosis["candidates"][0]["parameters"]["amplitude"]["value"].get<double>(), 0.12, 0.02);
   const json ladder = read_json(folder / "out/ladder.json");
   const json &before = ladder.front(), &after = ladder.back();
