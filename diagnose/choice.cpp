@@ -98,7 +98,8 @@ bool does_for_two(const Left& present, const Left& other) {
   const double rise = other.proper_score - present.proper_score;
   const bool lower = rise < 0 && other.heldout < present.heldout + hardly_rises &&
                      std::ranges::includes(present.unexplained, other.unexplained);
-  return lower || (as_good(present, other) && rise < hardly_worse);
+  const double at_most = (other.heldout < present.heldout ? 2 : 1) * hardly_worse;
+  return lower || (as_good(present, other) && rise < at_most);
 }
 
 bool hardly_there(const EffectDeclaration& effect, double amplitude) {

@@ -76,9 +76,9 @@ bool takes_the_place(const Left& present, const Left& other);
 /// Does the other leave nothing more unexplained, and hardly more on captures held out (0.02)?
 bool as_good(const Left& present, const Left& other);
 
-/// Is one effect as good as two in its place: as_good, and the proper score no larger by 0.0025; or, if the proper
-/// score is lower, does the held-out one hardly rise (0.1: chance in three numbers of the lens), nothing more
-/// unexplained?
+/// Is one effect as good as two in its place: as_good, and the proper score no larger by 0.0025, or by twice that where
+/// the held-out score is lower; or, if the proper score is lower, does the held-out one hardly rise (0.1: chance in
+/// three numbers of the lens), nothing more unexplained?
 bool does_for_two(const Left& present, const Left& other);
 
 /// Is an effect weaker than half of the low end of its typical range, the least that real instruments show? Never true

@@ -269,7 +269,8 @@ class Climb {
     others_.push_back({found.refined, found.others});
     for (std::size_t k = 0; k + 1 < others_.size() && last().dispersion <= leaves_little; ++k)
       for (const Refined& other : others_[k].others)
-        if (overlaps(other, k, found.refined) && take_one_for_two(k, other)) return true;
+        if ((named_beside(k, other.effect) || overlaps(other, k, found.refined)) && take_one_for_two(k, other))
+          return true;
     for (std::size_t k = 0; k + 1 < others_.size(); ++k) {
       if (std::exchange(others_[k].had_their_turn, true)) continue;
       const double close = search_options_.close_behind * others_[k].added.train_gain;
@@ -292,6 +293,12 @@ class Climb {
     const double cosine = dot(seen, two) / std::sqrt(dot(seen, one) * dot(metric.apply(two), two));
     if (tracing()) fmt::print(stderr, "  {} moves what {} does by {:.2f}\n", later.effect, other.effect, cosine);
     return std::abs(cosine) >= least;
+  }
+
+  /// Is it said of candidate k that the data cannot tell it from this effect?
+  bool named_beside(std::size_t k, const std::string& effect) const {
+    const auto& rivals = climbed_.evidence.accepted[k].rivals;
+    return std::ranges::find(rivals, effect) != rivals.end();
   }
 
   bool is_added(const std::string& effect) const {
@@ -363,7 +370,7 @@ class Climb {
     CandidateReport& candidate = climbed_.candidates[k];
     const Rung& rung = last();
     auto& rivals = climbed_.evidence.accepted[k].rivals;
-    const bool named = std::ranges::find(rivals, other.effect) != rivals.end();
+    const bool named = named_beside(k, other.effect);
     if (named && unexplained(experiment_.layout(), rung).empty()) return;  // there is nothing that it could do better
     InPlace instead = in_place_of({candidate.id}, other);
     if (takes_the_place(instead.before, instead.after)) {

@@ -219,6 +219,9 @@ TEST(DoesForTwo, WhatIsAsGoodAndHardlyWorseByTheProperScoreOrBetterByIt) {
   EXPECT_FALSE(does_for_two(two, {1.13, -2.999, {}}));
   EXPECT_TRUE(does_for_two(two, {1.13, -3.001, {}}));
   EXPECT_FALSE(does_for_two(two, {1.21, -3.01, {}}));
+  EXPECT_TRUE(does_for_two(two, {1.09, -2.996, {}})) << "a scale for an offset of the disparity and one of depth";
+  EXPECT_FALSE(does_for_two(two, {1.10, -2.996, {}}));
+  EXPECT_FALSE(does_for_two(two, {1.09, -2.994, {}}));
   EXPECT_FALSE(does_for_two(two, {1.1, -3.01, {{"bias", true}}}));
 }
 
