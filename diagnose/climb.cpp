@@ -377,7 +377,10 @@ class Climb {
       // It was fitted when more was missing: fitted anew it may be as good.
       InPlace anew = in_place_of({candidate.id}, others_[k].added);
       if (!takes_the_place(anew.after, instead.after)) {
+        auto beside = rivals;
+        if (!named && as_good(anew.after, instead.after)) beside.push_back(other.effect);
         put_in_place(k, std::move(anew), "its first fit");
+        rivals = candidate.confounded_with = std::move(beside);
         return;
       }
       put_in_place(k, std::move(instead), candidate.effect);
