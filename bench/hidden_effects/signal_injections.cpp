@@ -90,7 +90,8 @@ Act spectral_noise(const Values& p, const Stand&) {
 Act noise_bumps(const Values& p, const Stand&) {
   return [p](Shot& shot, Dice& dice) {
     const cv::Mat_<float> n = coloured_noise(shot.z.size(), dice, [&](double fy, double fx) {
-      return std::exp(-0.25 * std::pow((std::hypot(fx, fy) - p.at("frequency")) / p.at("width"), 2));
+      const double f = std::hypot(fx, fy);
+      return f == 0 ? 0 : std::exp(-0.25 * std::pow((f - p.at("frequency")) / p.at("width"), 2));
     });
     shot.noise += p.at("amplitude") * n;
   };
@@ -325,7 +326,7 @@ cv::Mat_<float> coloured_noise(cv::Size size, Dice& dice, const std::function<do
   const auto frequency = [](int k, int n) { return (k <= n / 2 ? k : k - n) / static_cast<double>(n); };
   for (int j = 0; j < size.height; ++j)
     for (int i = 0; i < size.width; ++i) {
-      const double a = i + j == 0 ? 0 : gain(frequency(j, size.height), frequency(i, size.width));
+      const double a = gain(frequency(j, size.height), frequency(i, size.width));
       power += a * a;
       line(j, i) *= static_cast<float>(a);
     }
