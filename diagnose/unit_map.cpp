@@ -16,7 +16,6 @@
 namespace binrig {
 namespace {
 
-constexpr int units = 4;
 constexpr double least_coherence = 0.4;      // of a segment's change that is common to all captures
 constexpr double least_common = 1e-3;        // of a ring's power: what halves of the captures have in common scatters
 constexpr double least_of_strongest = 1e-3;  // ring's power: below, the map's is what leaks from the border
@@ -132,9 +131,10 @@ std::vector<Whitened> left_of_nulls(const Rung& rung) {
   return nulls;
 }
 
-std::vector<Trial> UnitMap::trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed, int frames) {
+std::vector<Trial> UnitMap::trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed, int frames,
+                                      int count) {
   std::vector<Trial> trials;
-  for (int k = 0; k < units; ++k)
+  for (int k = 0; k < count; ++k)
     trials.push_back({model, rung.offsets, seed + static_cast<std::uint64_t>(k), Part::all, frames, frames > 0});
   return trials;
 }

@@ -37,7 +37,9 @@ class UnitMap {
           const std::vector<StatVector>& with);
   /// Simulations to give to the constructor: a few units, all captures, targets where the rung has them.
   /// `frames`: of each capture, 0 = all. How often a pixel is a hole shows in a statistic that depends on their number.
-  static std::vector<Trial> trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed, int frames = 2);
+  /// `count`: of units.
+  static std::vector<Trial> trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed, int frames = 2,
+                                      int count = 4);
 
   /// What units change, whitened, from the same simulations.
   static std::vector<Whitened> changes(const Rung& rung, const std::vector<StatVector>& without,
@@ -135,7 +137,7 @@ class UnitMap {
 /// fitted.
 struct UnitMapFit {
   std::map<std::string, double> values;
-  UnitMap map;  ///< learned at these values
+  UnitMap map;  ///< learned at these values, from so many units that they tell what no unit looks like
   struct Information {
     UnitMap map;  ///< learned where the fit began, of which the rings are
     int segment = 0;

@@ -13,6 +13,8 @@ namespace binrig {
 namespace {
 
 constexpr int places = 5;  // over a typical range
+constexpr int few = 4;     // units, to seek with,
+constexpr int many = 16;   // and to judge by whether a map is one of theirs
 
 /// Units of a rung's model with a hypothesis.
 class Units {
@@ -20,20 +22,21 @@ class Units {
   Units(const Experiment& experiment, const Rung& rung, const Hypothesis& hypothesis)
       : experiment_(experiment), rung_(rung), hypothesis_(hypothesis) {}
 
-  std::vector<StatVector> without(std::uint64_t seed, int frames = 2) const {
-    return simulate(rung_.model, seed, frames);
+  std::vector<StatVector> without(std::uint64_t seed, int frames = 2, int count = few) const {
+    return simulate(rung_.model, seed, frames, count);
   }
-  std::vector<StatVector> with(const std::map<std::string, double>& values, std::uint64_t seed, int frames = 2) const {
+  std::vector<StatVector> with(const std::map<std::string, double>& values, std::uint64_t seed, int frames = 2,
+                               int count = few) const {
     return simulate(with_effect(rung_.model, experiment_.forward().catalogue(), hypothesis_.effect, values), seed,
-                    frames);
+                    frames, count);
   }
   std::vector<Whitened> changes(const std::map<std::string, double>& values, std::uint64_t seed, int frames = 2) const {
     return UnitMap::changes(rung_, without(seed, frames), with(values, seed, frames));
   }
 
  private:
-  std::vector<StatVector> simulate(const SensorModel& model, std::uint64_t seed, int frames) const {
-    return experiment_.simulate(UnitMap::trials_of(rung_, model, seed, frames), "simulating units");
+  std::vector<StatVector> simulate(const SensorModel& model, std::uint64_t seed, int frames, int count) const {
+    return experiment_.simulate(UnitMap::trials_of(rung_, model, seed, frames, count), "simulating units");
   }
 
   const Experiment& experiment_;
@@ -71,7 +74,7 @@ class MapFitter {
     slopes.push_back(found.match.slope);
     for (double& slope : slopes.back()) slope *= exponent_;
     names.push_back(amplitude->name);
-    UnitMap at_found(layout_, rung_, units_.without(seed_, 0), units_.with(fit_.values, seed_, 0));
+    UnitMap at_found(layout_, rung_, units_.without(seed_, 0, many), units_.with(fit_.values, seed_, 0, many));
     fit_.information = {std::exchange(fit_.map, std::move(at_found)),
                         segment_,
                         std::move(names),

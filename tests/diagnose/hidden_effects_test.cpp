@@ -6,6 +6,7 @@
 #include <numbers>
 #include <regex>
 
+#include "bench/hidden_effects/shot.h"
 #include "bench/hidden_effects/study.h"
 #include "core/progress.h"
 #include "diagnose/hypotheses.h"
@@ -194,31 +195,63 @@ TEST(Screen, AStepAcrossALineIsFoundWithItsPlaceAndHeight) {
   EXPECT_EQ(pasted(entries[0].formula + "\n" + second[0].formula).effects.at(1).id, "unexplained_2");
 }
 
+/// The pattern of a unit that a recording shows, fitted to what is left at first.
+struct FittedPattern {
+  static constexpr std::uint64_t seed = 7;
+  Hypotheses all;
+  const Hypothesis& pattern;
+  UnitMapFit fit;
+  explicit FittedPattern(const FirstLook& look)
+      : all(make_hypotheses(world().forward(), look.truth.start)),
+        pattern(*std::ranges::find(all.tested, "fixed_pattern_noise", &Hypothesis::effect)),
+        fit(fitted(look)) {}
+
+ private:
+  UnitMapFit fitted(const FirstLook& look) const {
+    const auto& start = pattern.paths[0].atoms[0].values;
+    const auto units_of = [&](const SensorModel& model) {
+      return look.experiment.simulate(UnitMap::trials_of(look.rung, model, seed), "");
+    };
+    const auto without = units_of(look.rung.model);
+    UnitMap map(look.experiment.layout(), look.rung, without,
+                units_of(with_effect(look.rung.model, effect_catalogue(), pattern.effect, start)));
+    return fit_unit_map(look.experiment, look.rung, pattern, start, std::move(map), without, seed);
+  }
+};
+
 TEST(UnitMap, LengthAndStrengthOfAHiddenPatternAreReadOffIt) {
   // The second one is so strong that its neighbours among the lengths that are tried are far less likely, and that
   // values fall on other steps with it than without.
   for (const auto& [strength, seed] : {std::pair(Strength::medium, 2), std::pair(Strength::strong, 9943)}) {
     const FirstLook look({"one", {"fixed_pattern_noise"}, strength, static_cast<std::uint64_t>(seed)});
-    const Hypotheses all = make_hypotheses(world().forward(), look.truth.start);
-    const auto pattern = std::ranges::find(all.tested, "fixed_pattern_noise", &Hypothesis::effect);
-    ASSERT_NE(pattern, all.tested.end());
-    const auto& start = pattern->paths[0].atoms[0].values;
-    const auto units_of = [&](const SensorModel& model) {
-      return look.experiment.simulate(UnitMap::trials_of(look.rung, model, 7), "");
-    };
-    const auto without = units_of(look.rung.model);
-    const UnitMap map(look.experiment.layout(), look.rung, without,
-                      units_of(with_effect(look.rung.model, effect_catalogue(), pattern->effect, start)));
-    const UnitMapFit fit = fit_unit_map(look.experiment, look.rung, *pattern, start, map, without, 7);
-    const auto deviation = unit_map_deviations(look.experiment, look.rung, *pattern, fit, 7);
-    EXPECT_TRUE(fit.map.looks_random(look.rung.rest)) << seed;
+    const FittedPattern found(look);
+    const auto deviation =
+        unit_map_deviations(look.experiment, look.rung, found.pattern, found.fit, FittedPattern::seed);
+    EXPECT_TRUE(found.fit.map.looks_random(look.rung.rest)) << seed;
     for (const auto& [name, value] : look.truth.hidden.at(0).values) {
       ASSERT_TRUE(deviation.count(name)) << name;
       EXPECT_LT(deviation.at(name), 0.3) << name;
-      EXPECT_NEAR(std::log(fit.values.at(name) / value), 0, 3 * deviation.at(name))
+      EXPECT_NEAR(std::log(found.fit.values.at(name) / value), 0, 3 * deviation.at(name))
           << seed << " " << name << " " << value;
     }
   }
+}
+
+TEST(UnitMap, ASpiralIsNoPatternWhateverItsTexture) {
+  // Its frequencies are those of a smooth map, nearly: four units say too little of what such a map has of each.
+  const FirstLook look({"outside", {"spiral"}, Strength::medium, 9936});
+  EXPECT_FALSE(FittedPattern(look).fit.map.looks_random(look.rung.rest));
+}
+
+TEST(ColouredNoise, MovesWholeFramesByAsMuchAsItsSpectrumSays) {
+  // White: the mean of n pixels has a variance of 1/n. Its sum over 200 frames has a standard deviation of 0.1.
+  constexpr int frames = 200;
+  const cv::Size size(16, 12);
+  hidden::Dice dice(RandomStream(5).child("coloured noise"));
+  double square = 0;
+  for (int i = 0; i < frames; ++i)
+    square += std::pow(cv::mean(hidden::coloured_noise(size, dice, [](double, double) { return 1.0; }))[0], 2);
+  EXPECT_NEAR(square / frames * size.area(), 1, 0.4);
 }
 
 // A model cannot look better by becoming noisier: on the ladder's scale, whichever of the two models it is frozen at.
