@@ -25,6 +25,10 @@ CandidateReport Candidates::report_of(const Refined& refined, int null_count) co
   return report;
 }
 
+Evidence::Accepted Candidates::accepted(const Refined& refined) const {
+  return {refined.effect, hypothesis(refined).declaration->per_unit_map, refined.random_map, {}};
+}
+
 std::string Candidates::leave_trifles(const Rung& rung, std::vector<const Refined*>& worthy) const {
   const auto declaration = [&](const Refined* refined) -> const EffectDeclaration& {
     return *hypothesis(*refined).declaration;
@@ -49,12 +53,8 @@ std::string Candidates::leave_trifles(const Rung& rung, std::vector<const Refine
 
 Found Candidates::of(const Refined& refined, const Rung& rung, const SearchResult& found,
                      const std::set<std::string>& beaten) const {
-  Found result{refined,
-               report_of(refined, static_cast<int>(rung.nulls.size())),
-               {refined.effect, false, refined.random_map, {}},
-               {}};
+  Found result{refined, report_of(refined, static_cast<int>(rung.nulls.size())), accepted(refined), {}};
   auto& [copy, report, accepted, others] = result;
-  accepted.map = hypothesis(refined).declaration->per_unit_map;
   for (const auto& rival : found.refined)
     if (rival.effect != refined.effect && !beaten.contains(rival.effect) &&
         rival.test_gain > options_.least_test_gain &&

@@ -34,6 +34,9 @@ class Candidates {
   /// Its gains (of chi) and p-value, which is counted in `null_count` simulated recordings; no rivals, no parameters.
   CandidateReport report_of(const Refined& refined, int null_count) const;
 
+  /// What the verdict is to know of it; no rivals.
+  Evidence::Accepted accepted(const Refined& refined) const;
+
   /// Puts captures into `report` that would tell `best` from all `rivals` (of `report.confounded_with`, in this order)
   /// when recorded together, at most three of different targets; if there are none, those for one of the rivals. Throws
   /// what simulating throws.

@@ -13,6 +13,7 @@ namespace {
 
 constexpr double told_apart = 0.1;       // dispersion: of ten thousand statistics and more, a thousand of chi
 constexpr double hardly_rises = 0.1;     // of a held-out score that stays as it is, by chance
+constexpr double clearly_more = 0.25;    // of what is unexplained: so much poses that are off move it
 constexpr double hardly_worse = 0.0025;  // by less, the scatter of its own simulations moves the proper score
 
 }  // namespace
@@ -40,7 +41,7 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
   if (std::abs(left_by_best - left_by_other) > least_gain) return {left_by_other < left_by_best, true};
   const double by_best = best.unexplained(), by_other = runner_up.unexplained();
   if (tracing()) fmt::print(stderr, "  unexplained by {:.2f}, by {:.2f}\n", by_best, by_other);
-  if (by_best != by_other) {
+  if (std::abs(by_best - by_other) > clearly_more * std::min(by_best, by_other)) {
     const bool by_less = by_other < by_best;
     const Contender &less = by_less ? runner_up : best, &more = by_less ? best : runner_up;
     const bool simpler = more.parameters < less.parameters && more.proper_score < less.proper_score - clearly_lower;
@@ -76,8 +77,10 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
   const bool had_gone_far = before.statistics < before.heldout;
   const bool explains = had_gone_far && after.statistics - 1 < (1 - most) * (before.statistics - 1);
   // Three numbers of the lens are as large a part of the held-out score as thousands of cells: chance in them may hide
-  // that everything is explained now.
-  return addition.by_its_map || (rise <= -clearly_lower && (hardly_rose || explains)) ||
+  // that the statistics are nearer, or that everything is explained now.
+  const bool lens_rose =
+      before.unexplained.empty() && after.unexplained.empty() && after.statistics < before.statistics + hardly_rises;
+  return addition.by_its_map || (rise <= -clearly_lower && (hardly_rose || explains || lens_rose)) ||
          (rise < 0 && hardly_rose && explains_all);
 }
 
@@ -100,6 +103,11 @@ bool does_for_two(const Left& present, const Left& other) {
                      std::ranges::includes(present.unexplained, other.unexplained);
   const double at_most = (other.heldout < present.heldout ? 2 : 1) * hardly_worse;
   return lower || (as_good(present, other) && rise < at_most);
+}
+
+bool two_do_better(const Left& present, const Left& two) {
+  constexpr double clearly = 0.02;
+  return does_for_two(present, two) && two.heldout < present.heldout - clearly;
 }
 
 bool hardly_there(const EffectDeclaration& effect, double amplitude) {

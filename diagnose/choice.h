@@ -33,8 +33,8 @@ struct Choice {
 /// it is nearly the same (it sees the captures held out alone), less unexplained on either side; where something is
 /// left by the runner-up only, the best is added. Where neither leaves anything to speak of: the right one leaves
 /// nothing that the other would explain or, if what they leave each other differs by no more than `least_gain`, less
-/// unexplained, unless the other has fewer parameters and a proper score that is clearly (0.01) lower; if that is
-/// equal, too, the one with fewer parameters. What is not needed is not asked for.
+/// unexplained (by a quarter), unless the other has fewer parameters and a proper score that is clearly (0.01) lower;
+/// if that is equal, too, the one with fewer parameters. What is not needed is not asked for.
 Choice choose(const Contender& best, const Contender& runner_up, double least_gain);
 
 /// What a model leaves, everything fitted.
@@ -65,7 +65,9 @@ struct Addition {
 /// least that the proper one falls by is enough. So it is for an effect that had not proved itself, at the floor;
 /// elsewhere that has to take a quarter of what is left. Where poses or intrinsics had gone further than the statistics
 /// say, to make up for something missing, they may go on: then it has to take half of what is left of the statistics,
-/// and lower the proper score.
+/// and lower the proper score. So they may where nothing is unexplained on either side and the statistics' part of
+/// the held-out score hardly rises (0.1): a proper score that is clearly (0.01) lower says far more than their few
+/// numbers.
 bool makes_better(const Left& before, const Left& after, const Addition& addition);
 
 /// Does the other leave so much less that it is to take the place of the one in the model: by the proper score (0.01)
@@ -80,6 +82,10 @@ bool as_good(const Left& present, const Left& other);
 /// the held-out score is lower; or, if the proper score is lower, does the held-out one hardly rise (0.1: chance in
 /// three numbers of the lens), nothing more unexplained?
 bool does_for_two(const Left& present, const Left& other);
+
+/// Are two effects that have fewer parameters than the one in the model better in its place: does_for_two holds of
+/// them, and the held-out score is clearly lower (0.02)? Else one is more likely than two.
+bool two_do_better(const Left& present, const Left& two);
 
 /// Is an effect weaker than half of the low end of its typical range, the least that real instruments show? Never true
 /// of those whose smaller values are the stronger ones, or that are absent at another value than 0.

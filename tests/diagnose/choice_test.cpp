@@ -60,6 +60,15 @@ TEST(Choose, WhereNothingIsLeftFewerParametersWithALowerProperScoreOutweighALitt
   EXPECT_FALSE(choose(wave, hardly_lower, least_gain).runner_up);
 }
 
+TEST(Choose, WhereTheyLeaveNearlyAsMuchUnexplainedTheOneWithFewerParametersComesFirst) {
+  // An offset beside a wave that ends at 100 m: poses that are off, by a little more or less.
+  const Contender wave = contender(1.00, -3.89, 0.4, 1.25, 3), offset = contender(1.00, -3.89, -0.4, 1.35, 1);
+  EXPECT_TRUE(choose(wave, offset, least_gain).runner_up);
+  EXPECT_FALSE(choose(offset, wave, least_gain).runner_up);
+  const Contender less = contender(1.00, -3.89, 0.4, 1.05, 3);
+  EXPECT_FALSE(choose(less, offset, least_gain).runner_up);
+}
+
 TEST(Choose, WhereProperScoresAreNextToTheSameLessUnexplainedDecides) {
   // Frames that hardly repeat among the captures held out do not tell dead pixels from random ones; train does.
   EXPECT_FALSE(choose(contender(1.14, -1.1376, 0, 18), contender(1.05, -1.1392, 0, 37), least_gain).runner_up);
@@ -140,6 +149,14 @@ TEST(MakesBetter, WhatExplainsAllNeedOnlyLowerTheProperScoreWhereTheHeldOutOneHa
   EXPECT_FALSE(makes_better(before, {1.193, -4.3148, {}, 0.980}, {}));
   EXPECT_FALSE(makes_better(before, {1.3, -4.3195, {}, 0.980}, {}));
   EXPECT_FALSE(makes_better(before, {1.193, -4.3195, {}, 0.980}, {.unproven = true}));
+}
+
+TEST(MakesBetter, ALensThatStandsFurtherOffByChanceDoesNotOutweighAllElse) {
+  // A strong smoothing that the model's own noise had made up for.
+  EXPECT_TRUE(makes_better({1.04, -3.500, {}, 1.01}, {1.2, -3.519, {}, 1.02}, {}));
+  EXPECT_FALSE(makes_better({1.04, -3.500, {}, 1.01}, {1.2, -3.519, {{"intrinsics", false}}, 1.02}, {}));
+  EXPECT_FALSE(makes_better({1.04, -3.500, {}, 1.01}, {1.2, -3.509, {}, 1.02}, {}));
+  EXPECT_FALSE(makes_better({1.04, -3.500, {}, 1.01}, {1.2, -3.519, {}, 1.12}, {}));
 }
 
 TEST(MakesBetter, WherePosesAloneAreOffABlurThatLetsThemComeBackIsNone) {
@@ -223,6 +240,15 @@ TEST(DoesForTwo, WhatIsAsGoodAndHardlyWorseByTheProperScoreOrBetterByIt) {
   EXPECT_FALSE(does_for_two(two, {1.10, -2.996, {}}));
   EXPECT_FALSE(does_for_two(two, {1.09, -2.994, {}}));
   EXPECT_FALSE(does_for_two(two, {1.1, -3.01, {{"bias", true}}}));
+}
+
+TEST(TwoDoBetter, WhereTheCapturesHeldOutAreClearlyNearerToThem) {
+  // An offset of the disparity and a bend of depth, called one long wave.
+  const Left wave{1.164, -3.5242, {}};
+  EXPECT_TRUE(two_do_better(wave, {1.101, -3.5225, {}}));
+  EXPECT_FALSE(two_do_better(wave, {1.154, -3.5225, {}})) << "by chance";
+  EXPECT_FALSE(two_do_better(wave, {1.101, -3.5175, {}})) << "the proper score is worse";
+  EXPECT_FALSE(two_do_better(wave, {1.101, -3.5225, {{"bias", true}}})) << "something is left";
 }
 
 TEST(HardlyThere, BelowHalfOfTheLeastThatInstrumentsShow) {
