@@ -18,6 +18,7 @@
 #include "diagnose/choice.h"
 #include "diagnose/contest.h"
 #include "diagnose/edge_registration.h"
+#include "diagnose/look_alikes.h"
 #include "diagnose/mask_fit.h"
 #include "diagnose/score.h"
 #include "diagnose/settle.h"
@@ -27,7 +28,6 @@
 namespace binrig {
 namespace {
 
-constexpr double leaves_little = 1.3;  // dispersion up to which places, masks and look-alikes are looked after
 constexpr int most_tries = 3;          // of hypotheses one after the other, as long as none makes the ladder better
 
 class Climb {
@@ -44,7 +44,9 @@ class Climb {
         catalogue_(experiment.forward().catalogue()),
         adding_(experiment, motions, measured, model, options.seed),
         candidates_(experiment, motions, all, search_options_, options.seed),
-        contest_(experiment, adding_, candidates_, search_options_) {
+        contest_(experiment, adding_, candidates_, search_options_),
+        look_alikes_(experiment, motions, measured, adding_, candidates_, search_options_, climbed_,
+                     [this](Rung& rung, const RungOptions& fit) { finish(rung, fit); }) {
     climbed_.options.simulations = options.simulations;
     climbed_.options.converged_far_off = 0.01;
     climbed_.options.seed = options.seed * 100000;
@@ -68,7 +70,7 @@ class Climb {
         return std::move(climbed_);
       }
       climbed_ = nothing;
-      book_.reset(), book_as_given_.reset(), looked_closely_.clear(), waiting_.clear(), others_.clear();
+      book_.reset(), book_as_given_.reset(), looked_closely_.clear(), waiting_.clear();
       looked_in_vain_ = step_failed_ = false;
       closely_at_ = std::numeric_limits<double>::infinity(), no_map_at_.clear();
     }
@@ -89,10 +91,10 @@ class Climb {
     book_->look_at(everyone(), false);
     const auto full = [&] { return static_cast<int>(climbed_.evidence.accepted.size()) >= most_effects_; };
     do {
-      others_.assign(climbed_.candidates.size(), {});
+      look_alikes_.forget();
       while (!full() && step_up()) {
       }
-      for (std::size_t k = 0; k < others_.size() && !full(); ++k) take_two_for_one(k);
+      look_alikes_.two_for_one(full);
       climbed_.as_many_as_allowed = full();
       climbed_.removed.resize(climbed_.rungs.size());
     } while (take_out_superfluous(experiment_, motions_, measured_, climbed_));
@@ -273,198 +275,8 @@ class Climb {
     climbed_.candidates.push_back(found.report);
     climbed_.evidence.accepted.push_back(found.accepted);
     climbed_.added.push_back(found.refined.effect);
-    others_.push_back({found.refined, found.others});
-    for (std::size_t k = 0; k + 1 < others_.size() && last().dispersion <= leaves_little; ++k)
-      for (const Refined& other : others_[k].others)
-        if ((named_beside(k, other.effect) || overlaps(other, k, found.refined)) && take_one_for_two(k, other))
-          return true;
-    for (std::size_t k = 0; k + 1 < others_.size(); ++k) {
-      if (std::exchange(others_[k].had_their_turn, true)) continue;
-      const double close = search_options_.close_behind * others_[k].added.train_gain;
-      for (const Refined& other : std::vector<Refined>(others_[k].others))
-        if (other.train_gain > close) exchange(k, other);
-    }
+    look_alikes_.added(found);
     return true;
-  }
-
-  /// Of these effects' parameters (ids) among the nuisances of the last rung.
-  std::vector<int> places_of(const std::vector<std::string>& ids) const {
-    std::vector<int> places;
-    for (std::size_t p = 0; p < last().fit.parameters.size(); ++p)
-      if (std::ranges::find(ids, last().fit.parameters[p].id) != ids.end())
-        places.push_back(static_cast<int>(motions_.size() + p));
-    return places;
-  }
-
-  /// Does another than candidate k move something in common with what was added later (cosine of at least 0.1), poses,
-  /// lens and all parameters but those of these marginalised?
-  bool overlaps(const Refined& other, std::size_t k, const Refined& later) const {
-    constexpr double least = 0.1;
-    const Metric metric = last().train.with_held(places_of({climbed_.candidates[k].id, later.id}));
-    const Whitened &one = other.change, &two = later.change, seen = metric.apply(one);
-    const double cosine = dot(seen, two) / std::sqrt(dot(seen, one) * dot(metric.apply(two), two));
-    if (tracing()) fmt::print(stderr, "  {} moves what {} does by {:.2f}\n", later.effect, other.effect, cosine);
-    return std::abs(cosine) >= least;
-  }
-
-  /// Is it said of candidate k that the data cannot tell it from this effect?
-  bool named_beside(std::size_t k, const std::string& effect) const {
-    const auto& rivals = climbed_.evidence.accepted[k].rivals;
-    return std::ranges::find(rivals, effect) != rivals.end();
-  }
-
-  bool is_added(const std::string& effect) const {
-    const auto& added = climbed_.evidence.accepted;
-    return std::ranges::find(added, effect, &Evidence::Accepted::effect) != added.end();
-  }
-
-  /// The last rung's model with `other` in the place of some that were added (ids), everything fitted again.
-  struct InPlace {
-    std::vector<Refined> added;
-    RungOptions options;
-    Rung rung;
-    Left before, after;
-  };
-  InPlace in_place_of(const std::vector<std::string>& ids, const std::vector<Refined>& others) const {
-    const Rung& rung = climbed_.rungs.back();
-    InPlace result{others, climbed_.options, {}, {}, {}};
-    SensorModel model = rung.model;
-    for (const std::string& id : ids) model = without_effect(model, id);
-    for (Refined& added : result.added) {
-      EffectInstance& instance = add_effect(model, catalogue_, added.effect);
-      instance.values = added.model.find(added.id)->values;
-      added.id = instance.id;
-    }
-    for (Refined& added : result.added) {
-      added.model = model;
-      // What moves the same leaves all else where it is.
-      Adding::hold(added, result.options);
-    }
-    result.rung = adding_.to(rung, result.added.front(), result.options, false);
-    finish(result.rung, result.options);
-    std::tie(result.before, result.after) = left_by(rung, result.rung, false);
-    if (tracing())
-      fmt::print(stderr, "  {} for {}: held-out {:.4f} -> {:.4f}, proper {:.4f} -> {:.4f}, left: {} -> {}\n",
-                 fmt::join(others | std::views::transform(&Refined::effect), " and "), fmt::join(ids, " and "),
-                 result.before.heldout, result.after.heldout, result.before.proper_score, result.after.proper_score,
-                 result.before.unexplained.size(), result.after.unexplained.size());
-    return result;
-  }
-
-  /// Puts it on the ladder, as candidate k; `gone`: what it takes the place of, in words.
-  void put_in_place(std::size_t k, InPlace in_place, const std::string& gone) {
-    const Refined& added = in_place.added.front();
-    climbed_.options = in_place.options;
-    leave_behind(climbed_.rungs.back());
-    climbed_.rungs.push_back(std::move(in_place.rung));
-    climbed_.added.push_back(added.effect);
-    climbed_.removed.resize(climbed_.rungs.size());
-    climbed_.removed.back() = gone;
-    climbed_.candidates[k] = candidates_.report_of(added, climbed_.candidates[k].null_count);
-    climbed_.evidence.accepted[k] = candidates_.accepted(added);
-  }
-
-  /// A wrong one of two that move the same leaves something that a third makes up for: candidate k and the last one may
-  /// be one effect, if that leaves no more. False if not.
-  bool take_one_for_two(std::size_t k, const Refined& other) {
-    if (is_added(other.effect)) return false;
-    const CandidateReport &first = climbed_.candidates[k], &second = climbed_.candidates.back();
-    InPlace one = in_place_of({first.id, second.id}, {other});
-    if (!does_for_two(one.before, one.after)) return false;
-    put_in_place(k, std::move(one), first.effect + " and " + second.effect);
-    climbed_.candidates.pop_back();
-    climbed_.evidence.accepted.pop_back();
-    others_.pop_back();
-    others_[k] = {other, {}, true};
-    return true;
-  }
-
-  /// The two of those that explained much of the same as candidate k which together move most of what it does, if they
-  /// have fewer parameters than it; none if they leave a tenth of that.
-  std::vector<Refined> simpler_two(std::size_t k) const {
-    constexpr double nearly_all = 0.9;
-    const auto& [whole, others, ignored] = others_[k];
-    if (others.size() < 2) return {};
-    const auto parameters = [](const Refined& refined) { return refined.fit.parameters.size(); };
-    const Metric metric = last().train.with_held(places_of({climbed_.candidates[k].id}));
-    const Whitened seen = metric.apply(whole.change);
-    const double all = dot(seen, whole.change);
-    double most = nearly_all;
-    std::vector<Refined> best;
-    for (std::size_t a = 0; a < others.size(); ++a)
-      for (std::size_t b = 0; b < a; ++b) {
-        if (parameters(others[a]) + parameters(others[b]) >= parameters(whole)) continue;
-        const Whitened by_a = metric.apply(others[a].change), by_b = metric.apply(others[b].change);
-        const double aa = dot(by_a, others[a].change), ab = dot(by_a, others[b].change),
-                     bb = dot(by_b, others[b].change), a_all = dot(by_a, whole.change), b_all = dot(by_b, whole.change);
-        const double share =
-            (bb * a_all * a_all - 2 * ab * a_all * b_all + aa * b_all * b_all) / ((aa * bb - ab * ab) * all);
-        if (tracing())
-          fmt::print(stderr, "  {} and {} move {:.4f} of what {} does\n", others[a].effect, others[b].effect, share,
-                     whole.effect);
-        if (share > most) most = share, best = {others[b], others[a]};
-      }
-    return best;
-  }
-
-  /// Two effects of one parameter each can look like one of three. Where they do what candidate k does, and the
-  /// captures held out are nearer to them, they take its place, one after the other; the first is said to be confounded
-  /// with it.
-  void take_two_for_one(std::size_t k) {
-    if (last().dispersion > leaves_little) return;
-    const std::vector<Refined> two = simpler_two(k);
-    if (two.empty() || is_added(two[0].effect) || is_added(two[1].effect)) return;
-    const CandidateReport whole = climbed_.candidates[k];
-    InPlace both = in_place_of({whole.id}, two);
-    if (!two_do_better(both.before, both.after)) return;
-    CandidateReport first = candidates_.report_of(both.added[0], whole.null_count);
-    first.confounded_with = {whole.effect};
-    candidates_.seek_captures(first, last(), {both.rung.model, first.id, both.rung.fit},
-                              {{last().model, whole.id, last().fit}});
-    put_in_place(k, in_place_of({whole.id}, {two[0]}), whole.effect);
-    climbed_.candidates[k] = first;
-    climbed_.evidence.accepted[k].rivals = first.confounded_with;
-    others_[k] = {both.added[0], {}, true};
-    const Refined& second = both.added[1];
-    leave_behind(climbed_.rungs.back());
-    climbed_.rungs.push_back(std::move(both.rung));
-    climbed_.added.push_back(second.effect);
-    climbed_.options = both.options;
-    climbed_.candidates.push_back(candidates_.report_of(second, whole.null_count));
-    climbed_.evidence.accepted.push_back(candidates_.accepted(second));
-    others_.push_back({second, {}, true});
-  }
-
-  /// What was missing elsewhere may have favoured the wrong one of two that explain the same: with what was added
-  /// since, the other takes the place of candidate k if less is left with it.
-  void exchange(std::size_t k, const Refined& other) {
-    if (is_added(other.effect)) return;
-    CandidateReport& candidate = climbed_.candidates[k];
-    const Rung& rung = last();
-    auto& rivals = climbed_.evidence.accepted[k].rivals;
-    const bool named = named_beside(k, other.effect);
-    if (named && unexplained(experiment_.layout(), rung).empty()) return;  // there is nothing that it could do better
-    InPlace instead = in_place_of({candidate.id}, {other});
-    if (takes_the_place(instead.before, instead.after)) {
-      // It was fitted when more was missing: fitted anew it may be as good.
-      InPlace anew = in_place_of({candidate.id}, {others_[k].added});
-      if (!takes_the_place(anew.after, instead.after)) {
-        auto beside = rivals;
-        if (!named && as_good(anew.after, instead.after)) beside.push_back(other.effect);
-        put_in_place(k, std::move(anew), "its first fit");
-        rivals = candidate.confounded_with = std::move(beside);
-        return;
-      }
-      put_in_place(k, std::move(instead), candidate.effect);
-      others_[k] = {other, {}, true};
-      return;
-    }
-    if (!as_good(instead.before, instead.after) || named) return;
-    rivals.push_back(other.effect);
-    candidate.confounded_with = rivals;
-    if (rivals.size() == 1)
-      candidates_.seek_captures(candidate, rung, {rung.model, candidate.id, rung.fit},
-                                {{instead.rung.model, instead.added.front().id, instead.rung.fit}});
   }
 
   /// Adds the first of those waiting that still makes the ladder better; false if none does.
@@ -481,18 +293,6 @@ class Climb {
     return false;
   }
 
-  /// What two models leave that come one after the other, the second one's randomness being the scale. `draws`: see
-  /// Addition.
-  std::pair<Left, Left> left_by(const Rung& one, const Rung& next, bool draws) const {
-    const Layout& layout = experiment_.layout();
-    const auto judged = scores(layout, motions_, next, measured_.all, {&one, &next});
-    const auto of = [&](const Score& score, const Rung& rung) {
-      const double proper = draws ? proper_score_without_floor_of_bias(layout, rung) : proper_score(layout, rung);
-      return Left{score.heldout, proper, unexplained(layout, rung), score.statistics};
-    };
-    return {of(judged[0], one), of(judged[1], next)};
-  }
-
   /// Puts a rung on the ladder; false, and the ladder as it was, if that makes it no better. The gain was computed with
   /// the scale of the rung before; the ladder judges by the last one's.
   bool climb(const Refined& best, Rung next, const Addition& addition) {
@@ -500,7 +300,8 @@ class Climb {
     Left before, after;
     const auto improves = [&] {
       std::tie(before, after) =
-          left_by(climbed_.rungs[climbed_.rungs.size() - 2], climbed_.rungs.back(), addition.draws);
+          left_by(experiment_.layout(), motions_, measured_.all, climbed_.rungs[climbed_.rungs.size() - 2],
+                  climbed_.rungs.back(), addition.draws);
       if (tracing())
         fmt::print(stderr,
                    "  {} added: held-out {:.4f} ({:.4f}) -> {:.4f} ({:.4f}), proper {:.4f} -> {:.4f}, left: {}\n",
@@ -541,14 +342,9 @@ class Climb {
   bool step_failed_ = false;          // one that is certain made nothing better
   double closely_at_ = std::numeric_limits<double>::infinity();  // dispersion, when waves were last looked for closely
   std::map<std::string, double> no_map_at_;  // the same, by effect, when its map did not look random
-  std::vector<Found> waiting_;        // best first
-  struct Others {
-    Refined added;
-    std::vector<Refined> others;  ///< that explained much of the same
-    bool had_their_turn = false;  ///< to take its place
-  };
-  std::vector<Others> others_;  // by candidate
+  std::vector<Found> waiting_;               // best first
   Climbed climbed_;
+  LookAlikes look_alikes_;
 };
 
 }  // namespace

@@ -10,6 +10,7 @@ namespace binrig {
 
 constexpr int fewest_frames = 2;           ///< of a capture, with which anything is fitted
 constexpr double leaves_something = 1.05;  ///< dispersion of a model whose own randomness does not cover what is left
+constexpr double leaves_little = 1.3;      ///< dispersion up to which places, masks and look-alikes are looked after
 constexpr double many_missing = 8;         ///< dispersion of a model that lacks several effects: each has its turn
 
 struct Rung {

@@ -81,6 +81,7 @@ UnitMap::Spectrum mean_spectrum(std::size_t count, const SpectrumOf& one) {
   UnitMap::Spectrum mean;
   mean.kurtosis = 0;
   mean.least_kurtosis = std::numeric_limits<double>::infinity();
+  double log_kurtosis = 0, square = 0;
   const double share = 1 / static_cast<double>(count);
   const auto add = [share](std::vector<double>& sum, const std::vector<double>& its) {
     sum.resize(its.size(), 0);
@@ -95,7 +96,11 @@ UnitMap::Spectrum mean_spectrum(std::size_t count, const SpectrumOf& one) {
     }
     mean.kurtosis += share * its.kurtosis;
     mean.least_kurtosis = std::min(mean.least_kurtosis, its.kurtosis);
+    const double log_of_its = std::log(std::max(its.kurtosis, 1.0));
+    log_kurtosis += share * log_of_its;
+    square += share * log_of_its * log_of_its;
   }
+  mean.kurtosis_scatter = std::sqrt(std::max(0.0, square - log_kurtosis * log_kurtosis));
   return mean;
 }
 
@@ -353,6 +358,8 @@ bool UnitMap::has_bands(const Whitened& rest) const {
 
 bool UnitMap::looks_random(const Whitened& rest) const {
   constexpr double by_chance = 1e-4;
+  constexpr double enough_units = 8;  // to know by how much kurtosis scatters
+  constexpr double scattered = 10;    // kurtosis of pixels here and there
   if (has_bands(rest)) return false;
   for (std::size_t s = 0; s < segments_.size(); ++s) {
     const Segment& segment = segments_[s];
@@ -375,17 +382,26 @@ bool UnitMap::looks_random(const Whitened& rest) const {
     const double misfit = found.misfit;
     // What rings are expected to have is a mean over few units, and scatters, too.
     const double most =
-        (1 + 1 / units_) * chi_square_threshold(by_chance, static_cast<double>(segment.spectrum.power.size()));
+        (1 + 1 / units_) * chi_square_threshold(by_chance, static_cast<double>(segment.spectrum.power.size()) + 1);
     const double kurtosis = kurtosis_of(map), usual = segment.spectrum.kurtosis;
+    // What is no scatter of pixels, and too even as well: noise takes of the excess what it takes of the power,
+    // squared.
+    const double share = 1 - noise / sum_of_squares(map), expected = 3 + (usual - 3) * share * share;
+    const double too_even =
+        units_ < enough_units || usual > scattered
+            ? 0
+            : std::max(0.0, std::log(expected / kurtosis)) / std::max(segment.spectrum.kurtosis_scatter, 0.02);
     if (tracing())
-      fmt::print(stderr,
-                 "  unit map in {}: {:.1f} times the noise, misfit {:.1f} (at most {:.1f}), kurtosis {:.1f} ({:.1f})\n",
-                 segment.name, sum_of_squares(map) / noise, misfit, most, kurtosis, usual);
-    if (misfit > most) return false;
+      fmt::print(
+          stderr,
+          "  unit map in {}: {:.1f} times the noise, misfit {:.1f} (at most {:.1f}), kurtosis {:.1f} ({:.1f}), too "
+          "even by {:.1f}\n",
+          segment.name, sum_of_squares(map) / noise, misfit, most, kurtosis, usual, too_even);
+    if (misfit + too_even * too_even > most) return false;
     // A wave has 1.5 and two levels have 1; a Gaussian map has 3, smooth ones (of few independent patches) 2 .. 4, and
     // up to 6 where cells are known unequally well. Beyond are scattered pixels: the fewer, the more.
     if (kurtosis < 0.62 * std::min(segment.spectrum.least_kurtosis, 5.0)) return false;
-    if (usual < 10 && kurtosis > 1.7 * usual) return false;
+    if (usual < scattered && kurtosis > 1.7 * usual) return false;
   }
   return true;
 }

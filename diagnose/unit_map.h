@@ -63,7 +63,8 @@ class UnitMap {
     std::vector<double> power;
     std::array<Banded, 2> tapered;  ///< by Direction
     double kurtosis = 3;            ///< of the map's values
-    double least_kurtosis = 3;      ///< over the units it is a mean of: that of few independent patches scatters
+    double least_kurtosis = 3;      ///< over the units it is a mean of: that of few independent patches scatters,
+    double kurtosis_scatter = 0;    ///< and so does its logarithm
   };
   /// How the map estimated from a residual is matched by the spectrum of simulated units.
   struct Match {

@@ -174,6 +174,30 @@ TEST(UnitMap, RingsAreNoSmoothRandomMap) {
   EXPECT_FALSE(map.looks_random(rest));
 }
 
+TEST(UnitMap, ManyUnitsTellASpiralFromASmoothMap) {
+  const Stand stand;
+  std::vector<StatVector> without, with;
+  for (std::uint64_t k = 0; k < 16; ++k) {
+    without.push_back(StatVector(stand.layout.size, 0.f));
+    with.push_back(recording(smooth_map(500 + k, 0.9), 1, 0));
+  }
+  const UnitMap map(stand.layout, stand.rung, without, with);
+  int refused = 0, taken = 0;
+  for (std::uint64_t k = 0; k < 200; ++k)
+    refused += !map.looks_random(stand.rest(recording(smooth_map(2000 + k, 0.9), 1, 9000 + k)));
+  for (int k = 0; k < 20; ++k) {
+    std::vector<float> spiral(cells);
+    for (int i = 0; i < cells; ++i) {
+      const float x = static_cast<float>(i % cols) - 7.5f, y = static_cast<float>(i / cols) - 5.5f;
+      spiral[i] = 1.4f * std::cos(3 * std::atan2(y, x) + 1.2f * std::hypot(x, y) + 0.31f * static_cast<float>(k));
+    }
+    taken += map.looks_random(stand.rest(recording(spiral, 1, 9500 + static_cast<std::uint64_t>(k))));
+  }
+  EXPECT_LE(refused, 1);
+  // By the rings' misfit alone thirteen are: so small an image has few rings, which few spirals miss.
+  EXPECT_LE(taken, 4);
+}
+
 TEST(UnitMap, AMatchTellsHowStrongAMapIs) {
   const Stand stand;
   std::vector<StatVector> without, with;
