@@ -25,6 +25,7 @@ constexpr int seeds = 3;              // of derivatives
 constexpr double far_enough = 4;      // of FitParameter::step, for narrow parameters: beyond what rounding does
 constexpr double least_signal = 0.3;  // share of a derivative's square that must be more than its own noise
 constexpr double most_wrong = 0.5;    // of a block's y over a standard deviation of a parameter, by its slope
+constexpr double well_within = 0.4;   // of that distance: over half of it a spectrum bends too much, by a hair
 constexpr double smooth_bend = 0.5;   // of a slope to both sides, that to one may differ by: it is a curve's, still
 constexpr double most_of_it = 0.5;  // of what is known of a parameter alone, which blocks that are left out do not hold
 
@@ -321,7 +322,7 @@ class Step {
         auto smooth = before;
         for (std::size_t k = 0; k < smooth.size(); ++k)
           if (!counts_[k] && !smooth_(p, static_cast<int>(k))) smooth[k] = false;
-        reach_[p] = 0.5 * deviation;
+        reach_[p] = well_within * deviation;
         take_derivatives({p});
         weigh(pull);
         keep_right(pull, p, smooth, deviation);
