@@ -28,7 +28,7 @@
 namespace binrig {
 namespace {
 
-constexpr int most_tries = 3;          // of hypotheses one after the other, as long as none makes the ladder better
+constexpr int most_tries = 3;  // of hypotheses one after the other, as long as none makes the ladder better
 
 class Climb {
  public:

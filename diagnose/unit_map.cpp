@@ -384,8 +384,7 @@ bool UnitMap::looks_random(const Whitened& rest) const {
     const double most =
         (1 + 1 / units_) * chi_square_threshold(by_chance, static_cast<double>(segment.spectrum.power.size()) + 1);
     const double kurtosis = kurtosis_of(map), usual = segment.spectrum.kurtosis;
-    // What is no scatter of pixels, and too even as well: noise takes of the excess what it takes of the power,
-    // squared.
+    // Noise takes of a kurtosis' excess over 3 what it takes of the power, squared.
     const double share = 1 - noise / sum_of_squares(map), expected = 3 + (usual - 3) * share * share;
     const double too_even =
         units_ < enough_units || usual > scattered

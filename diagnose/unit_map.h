@@ -38,8 +38,9 @@ class UnitMap {
   /// Simulations to give to the constructor: a few units, all captures, targets where the rung has them.
   /// `frames`: of each capture, 0 = all. How often a pixel is a hole shows in a statistic that depends on their number.
   /// `count`: of units.
+  static constexpr int few_units = 4;
   static std::vector<Trial> trials_of(const Rung& rung, const SensorModel& model, std::uint64_t seed, int frames = 2,
-                                      int count = 4);
+                                      int count = few_units);
 
   /// What units change, whitened, from the same simulations.
   static std::vector<Whitened> changes(const Rung& rung, const std::vector<StatVector>& without,
@@ -93,7 +94,9 @@ class UnitMap {
   /// Is the map estimated from a residual (all captures) like those of simulated units, by the distribution of its
   /// values and by its spectrum, whatever its strength? A step or a wave is no random map, a spot is no scatter of dead
   /// pixels, rings or a spiral have a scale of their own, and bands (has_bands, too) stand out among the cosines of the
-  /// tapered map that vary along rows or columns alone, by more than 8 standard deviations of their squares' sum.
+  /// tapered map that vary along rows or columns alone, by more than 8 standard deviations of their squares' sum. Where
+  /// it was learned from eight units or more, values more even than theirs (a smaller kurtosis, noise allowed for; in
+  /// standard deviations of its logarithm over the units, squared) count against it together with the rings' misfit.
   bool looks_random(const Whitened& rest) const;
   /// Do bands stand out in it, tapered, among the other cosines of their rings, so that it is no random map whatever
   /// the texture? Not asked of rings with fewer than eight others.

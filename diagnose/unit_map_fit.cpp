@@ -13,8 +13,8 @@ namespace binrig {
 namespace {
 
 constexpr int places = 5;  // over a typical range
-constexpr int few = 4;     // units, to seek with,
-constexpr int many = 16;   // and to judge by whether a map is one of theirs
+constexpr int few = UnitMap::few_units;  // to seek with,
+constexpr int many = 16;                 // and to judge by whether a map is one of theirs
 
 /// Units of a rung's model with a hypothesis.
 class Units {
