@@ -53,6 +53,7 @@ Choice choose(const Contender& best, const Contender& runner_up, double least_ga
 
 bool makes_better(const Left& before, const Left& after, const Addition& addition) {
   constexpr double least_fall = 0.02;     // share of what is left of the held-out score
+  constexpr double next_to_none = 0.01;   // of the held-out score: no reason if the proper one does not fall
   constexpr double unproven_fall = 0.25;  // of what an effect that had not proved itself has to take of that
   constexpr double most = 0.5;            // of what is left of the statistics
   const double excess = std::max(0.0, before.heldout - 1), rise = after.proper_score - before.proper_score;
@@ -65,8 +66,9 @@ bool makes_better(const Left& before, const Left& after, const Addition& additio
                      std::ranges::all_of(before.unexplained, [](const auto& left) {
                        return left.first == "poses" || left.first == "intrinsics";
                      });
-  const bool gets_worse =
-      (excess == 0 && rise >= (explains_all ? 2 : 1) * clearly_lower) || blurs || (rise > 0 && addition.draws);
+  const bool neither_falls = rise >= 0 && after.heldout > before.heldout - next_to_none;
+  const bool gets_worse = (excess == 0 && rise >= (explains_all ? 2 : 1) * clearly_lower) || blurs ||
+                          (rise > 0 && addition.draws) || neither_falls;
   const double fall = addition.unproven ? std::max(hardly_rises, unproven_fall * excess) : least_fall * excess;
   if (!gets_worse && after.heldout <= before.heldout - fall) return true;
   if (addition.happens_or_not && !blurs && leaves_less(before.unexplained, after.unexplained)) return true;

@@ -59,8 +59,8 @@ struct Addition {
   bool draws = false;
 };
 
-/// Is the model with one effect more better than the one before? What lowers neither the held-out score nor the proper
-/// one is no improvement, nor is what draws and raises the proper one, or what raises it (0.0025; 0.01 if
+/// Is the model with one effect more better than the one before? What lowers neither the held-out score (by 0.01) nor
+/// the proper one is no improvement, nor is what draws and raises the proper one, or what raises it (0.0025; 0.01 if
 /// nothing stays unexplained) where nothing but poses or the lens is unexplained. Where nothing stays unexplained, the
 /// least that the proper one falls by is enough. So it is for an effect that had not proved itself, at the floor;
 /// elsewhere that has to take a quarter of what is left. Where poses or intrinsics had gone further than the statistics

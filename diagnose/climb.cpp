@@ -267,7 +267,7 @@ class Climb {
     Adding::hold(found.refined, options);
     finish(next, options);
     const bool by_its_map = found.accepted.map && found.accepted.map_looks_random;
-    if (!climb(found.refined, std::move(next),
+    if (!climb(found.refined, std::move(next), options,
                {unproven, by_its_map, found.refined.happens_or_not, found.refined.draws}))
       return false;
     leave_behind(climbed_.rungs[climbed_.rungs.size() - 2]);
@@ -295,13 +295,13 @@ class Climb {
 
   /// Puts a rung on the ladder; false, and the ladder as it was, if that makes it no better. The gain was computed with
   /// the scale of the rung before; the ladder judges by the last one's.
-  bool climb(const Refined& best, Rung next, const Addition& addition) {
+  bool climb(const Refined& best, Rung next, const RungOptions& options, const Addition& addition) {
     climbed_.rungs.push_back(std::move(next));
+    const Rung& before_it = climbed_.rungs[climbed_.rungs.size() - 2];
+    Rung& with = climbed_.rungs.back();
     Left before, after;
     const auto improves = [&] {
-      std::tie(before, after) =
-          left_by(experiment_.layout(), motions_, measured_.all, climbed_.rungs[climbed_.rungs.size() - 2],
-                  climbed_.rungs.back(), addition.draws);
+      std::tie(before, after) = left_by(experiment_.layout(), motions_, measured_.all, before_it, with, addition.draws);
       if (tracing())
         fmt::print(stderr,
                    "  {} added: held-out {:.4f} ({:.4f}) -> {:.4f} ({:.4f}), proper {:.4f} -> {:.4f}, left: {}\n",
@@ -311,7 +311,11 @@ class Climb {
     };
     if (improves()) return true;
     // What is weak hardly bent the others: beginning anew may have cost more than it gains.
-    climbed_.rungs.back() = adding_.to(climbed_.rungs[climbed_.rungs.size() - 2], best, climbed_.options, false);
+    with = adding_.to(before_it, best, climbed_.options, false);
+    if (improves()) return true;
+    // Nor do masks come back to where they were: by more than it gains, if it acts in few captures.
+    with = made_anew(experiment_, motions_, measured_, with_values_of(before_it.model, with.model), with.offsets,
+                     options, with.fit.parameters);
     if (improves()) return true;
     const char* how = after.heldout >= before.heldout             ? "did not fall"
                       : after.proper_score >= before.proper_score ? "fell, but the proper score rose"

@@ -142,6 +142,13 @@ TEST(MakesBetter, WhatLowersTheHeldOutScoreOrTheProperOne) {
   EXPECT_FALSE(makes_better({2, -3.0, {}, 2}, {1.9, -2.99, {}, 1.9}, {})) << "nothing was unexplained";
 }
 
+TEST(MakesBetter, NextToNothingIsNoReasonUnlessTheProperScoreFallsToo) {
+  const Left before{1.137, -4.0809, {}, 0.955};  // bumps in a noise that was right
+  EXPECT_FALSE(makes_better(before, {1.133, -4.0800, {}, 0.949}, {}));
+  EXPECT_TRUE(makes_better(before, {1.133, -4.0811, {}, 0.949}, {}));
+  EXPECT_TRUE(makes_better(before, {1.126, -4.0800, {}, 0.949}, {}));
+}
+
 TEST(MakesBetter, WhatExplainsAllNeedOnlyLowerTheProperScoreWhereTheHeldOutOneHardlyMoves) {
   const Left before{1.187, -4.3148, {{"poses", true}, {"poses", false}}, 0.983};
   EXPECT_TRUE(makes_better(before, {1.193, -4.3195, {}, 0.980}, {}));
