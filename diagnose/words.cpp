@@ -81,8 +81,10 @@ void put_into_words(Diagnosis& diagnosis, const EffectCatalogue& catalogue, cons
             "Whatever the rest is may have bent the values found for {}, beyond their intervals.", list(firm)));
       } else {
         diagnosis.headline =
-            looked ? fmt::format("Something is missing that no known effect explains{}.", where)
-                   : fmt::format("More is missing than {}, and no others were to be added{}.", list(names), where);
+            !looked ? fmt::format("More is missing than {}, and no others were to be added{}.", list(names), where)
+            : segments.empty() && !names.empty()
+                ? "Something is missing, and this recording does not show what: see what speaks against the nearest."
+                : fmt::format("Something is missing that no known effect explains{}.", where);
         if (!names.empty())
           diagnosis.reasons.push_back(fmt::format("The nearest known {} {}: {}. Do not take {} for the cause.",
                                                   names.size() == 1 ? "effect is" : "effects are", list(names),

@@ -87,6 +87,21 @@ TEST(Words, WhatMayAsWellBeNothingIsNotInTheHeadline) {
               Contains(HasSubstr("noise_bumps: was added, but its strength may as well be nothing")));
 }
 
+TEST(Words, WhereADoubtfulEffectLeavesNothingUnexplainedNoKnownOneIsSaidToFail) {
+  Diagnosis diagnosis = one_added(0.61, 0.08);
+  diagnosis.verdict = Verdict::unknown_effect;
+  diagnosis.candidates[0].may_be_nothing = true;
+  Diagnosis something_left = diagnosis;
+  put_into_words(diagnosis, effect_catalogue(), {});
+  EXPECT_THAT(diagnosis.headline, HasSubstr("this recording does not show what"));
+  EXPECT_THAT(diagnosis.headline, Not(HasSubstr("no known effect explains")));
+  EXPECT_THAT(diagnosis.reasons, Contains(HasSubstr("its strength may as well be nothing")));
+  something_left.unexplained.resize(1);
+  something_left.unexplained[0].segment = "spectrum";
+  put_into_words(something_left, effect_catalogue(), {});
+  EXPECT_EQ(something_left.headline, "Something is missing that no known effect explains; it shows in spectrum.");
+}
+
 TEST(Words, WhatNoHeldOutCaptureShowsIsSaidWithTheCaptureToRecord) {
   Diagnosis diagnosis;
   diagnosis.verdict = Verdict::unknown_effect;
